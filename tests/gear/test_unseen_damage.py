@@ -29,7 +29,7 @@ from truestand.apply.transfer import roll
 from truestand.calibration.calibrate import calibrate
 from truestand.core.inspection import Characteristic
 from truestand.core.scan import interpret
-from truestand.gear.doubt import _deepest, _may_hide, _often_damaged
+from truestand.gear.gaps import _deepest, _often_damaged, gap_with_damage
 from truestand.gear.geometry import involute
 from truestand.gear.inspect import inspect_gear
 from truestand.report.notation import NONE, result_text, u_text
@@ -84,10 +84,10 @@ def test_a_broken_tooth_is_no_measure_of_what_hides_in_a_gap():
     assert beside and all(c.U < 0.03 and c.verdict == "conforms" for c in beside)
 
 
-def _region(tooth, depth, width, clear=True):
+def _region(tooth, depth, width, clear=True, resolved=True, hidden=False):
     return SimpleNamespace(
-        tooth=tooth, depth=depth, rolls=(8.8, 8.8 + width), heights=(12.0, 14.0), clear=clear,
-        on_top=depth is not None and depth < 0,
+        tooth=tooth, depth=depth, rolls=(8.8, 8.8 + width), heights=(12.0, 14.0), clear=clear, resolved=resolved,
+        hidden=hidden, on_top=depth is not None and depth < 0, side=0,
     )  # fmt: skip
 
 
@@ -98,10 +98,14 @@ def _of(*damage, teeth=24, open_end=0.0):
         thickness=3.0, profile_range=(3.0, 20.0), helix_range=(6.0, 24.0), gear=SimpleNamespace(evaluation=evaluation)
     )
     ends = np.stack([np.zeros((2, teeth)), np.full((2, teeth), open_end)])
-    coverage = SimpleNamespace(helix_ends=ends, profile_gap=np.zeros((2, teeth)), helix_gap=np.zeros((2, teeth)))
+    coverage = SimpleNamespace(
+        helix_ends=ends, profile_gap=np.zeros((2, teeth)), helix_gap=np.zeros((2, teeth)),
+        profile_rolls=np.full((2, teeth, 1), 3.0),
+    )  # fmt: skip
     return SimpleNamespace(
-        damage=damage, told=damage, nominal=nominal, there=np.ones(teeth, dtype=bool), coverage=coverage, open_end=0.12
-    )
+        damage=damage, told=damage, nominal=nominal, there=np.ones(teeth, dtype=bool), teeth=teeth, coverage=coverage,
+        open_end=0.12,
+    )  # fmt: skip
 
 
 def test_what_may_hide_in_a_gap_is_as_deep_as_narrow_damage_elsewhere():
@@ -113,6 +117,12 @@ def test_what_may_hide_in_a_gap_is_as_deep_as_narrow_damage_elsewhere():
     assert _deepest(_of(worn), "f_falpha", 1.5) == worn.depth
     assert _deepest(_of(worn), "f_falpha", 0.2) == 0.1  # half as deep as the gap is wide
     assert _deepest(_of(_region(3, 0.02, 1.0, clear=False)), "f_falpha", 1.5) == 0.0
+
+
+def test_damage_that_was_not_seen_whole_bounds_nothing_elsewhere():
+    """Craters of 0.6 mm on all teeth, of which readings showed 61 um at most: F_alpha 18 ± 71, *conforms*, for 598."""
+    assert _deepest(_of(_region(1, 0.03, 1.0, resolved=False)), "f_falpha", 1.5) == 0.06  # few profiles cross it
+    assert _deepest(_of(_region(1, 0.03, 1.0, hidden=True), _region(2, 0.2, 1.0)), "f_falpha", 1.5) == 0.75
 
 
 def test_a_gear_is_often_damaged_where_more_than_a_twentieth_of_its_teeth_clearly_is():
@@ -136,7 +146,7 @@ def test_damage_may_hide_at_an_end_of_the_face_that_was_not_seen(lacks, damaged,
     a = _of(*(_region(tooth, 0.06, 1.0) for tooth in range(damaged)))
     a.coverage.helix_gap = np.full((2, 24), lacks)
     read = Characteristic("f_fbeta", 0.002, 0.002, "left", 5)
-    assert _may_hide(read, a, "f_fbeta", (0, 4)) == doubt
+    assert gap_with_damage(read, a, "f_fbeta", (0, 4)).depth == doubt
 
 
 @pytest.mark.parametrize(("open_end", "reaches", "doubt"), [(0.3, 24.5, 0.06), (0.3, 23.0, 0.0), (0.1, 24.5, 0.0)])
@@ -145,8 +155,28 @@ def test_an_open_end_may_have_what_other_flanks_have_there(open_end, reaches, do
     band = _region(3, 0.06, 1.0)
     band.heights = (22.5, reaches)
     read = Characteristic("f_fbeta", 0.002, 0.002, "left", 5)
-    assert _may_hide(read, _of(band, open_end=open_end), "f_fbeta", (0, 4)) == doubt
-    assert _may_hide(replace(read, name="f_falpha"), _of(band, open_end=open_end), "f_falpha", (0, 4)) == 0.0
+    assert gap_with_damage(read, _of(band, open_end=open_end), "f_fbeta", (0, 4)).depth == doubt
+    of_profile = replace(read, name="f_falpha")
+    assert gap_with_damage(of_profile, _of(band, open_end=open_end), "f_falpha", (0, 4)).depth == 0.0
+
+
+@pytest.mark.parametrize(
+    ("flank", "gap", "damaged", "width", "doubt"),
+    [
+        ("left", (8.0, 8.9), 2, 0.5, 0.06),
+        ("right", (8.0, 8.9), 2, 0.5, 0.0),
+        ("left", (8.0, 8.7), 2, 0.5, 0.0),  # elsewhere on the profile
+        ("left", (8.5, 9.4), 1, 0.5, 0.0),  # of one tooth
+        ("left", (8.5, 9.4), 2, 1.0, 0.0),  # too wide for it
+    ],
+)
+def test_a_gap_may_have_the_damage_that_other_flanks_have_there(flank, gap, damaged, width, doubt):
+    """Craters of 0.7 mm at the same place of all teeth; no reading in 0.75 mm of one: F_alpha 0 ± 19, *conforms*."""
+    a = _of(*(_region(tooth, 0.06, width) for tooth in range(damaged)))
+    a.coverage.profile_rolls = np.broadcast_to([3.0, *gap], (2, 24, 3))
+    read = Characteristic("F_alpha", 0.002, 0.002, flank, 5)
+    found = gap_with_damage(read, a, "F_alpha", (("left", "right").index(flank), 4))
+    assert found.depth == doubt and (not doubt or found.width == gap[1] - gap[0])
 
 
 NOT_KNOWN = {

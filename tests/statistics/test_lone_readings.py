@@ -102,3 +102,14 @@ def test_a_steep_edge_seen_aslant_is_kept_beside_single_outliers():
     left_out = lone_readings(*read(image)).reshape(image.shape)
     assert left_out[60:100].sum() <= 1, "its last one has fewer beside it"
     assert left_out[tuple(single.T)].all()
+
+
+def test_steep_edges_are_kept_beside_others_that_more_readings_show():
+    """Craters on all flanks of a gear, of one of which five readings stood apart: it was left out, and conformed."""
+    image = np.random.default_rng(2).normal(0.0, NOISE, (PER_TURN, 10 * POINTS))
+    row = np.arange(PER_TURN)
+    edge = np.zeros(image.shape)
+    edge[:, 40:360:80] = -0.02 * (1 + row[:, None] % 4)  # every profile meets these
+    edge[:, 80:321:240] = np.where(row % 4 < 2, -0.03 * (1 + row % 2), 0.0)[:, None]  # two of four these
+    left_out = lone_readings(*read(image + edge)).reshape(image.shape)
+    assert np.count_nonzero(left_out & (edge < 0)) <= 4, "at its ends an edge has fewer beside it"

@@ -1,10 +1,11 @@
 """The figures of a gear with every line of their budget: of a scan that was taken, or of one that is planned."""
 
+from dataclasses import dataclass
+
 from truestand.core.arrays import Mask
 from truestand.gear.budget import BETWEEN_READINGS, expanded
 from truestand.gear.coverage import Coverage
-from truestand.gear.damage import Damage, clear_of, without_damage, zones_of
-from truestand.gear.doubt import Assessment
+from truestand.gear.damage import Damage, Zone, clear_of, without_damage, zones_of
 from truestand.gear.evaluate import (
     DRAWS,
     FEW_DRAWS,
@@ -23,8 +24,52 @@ from truestand.gear.evaluate import (
     vibration_of,
     with_noise_beside,
 )
-from truestand.gear.sections import sections_of
+from truestand.gear.geometry import Involute
+from truestand.gear.grid import TRACE_SHARE
+from truestand.gear.sections import Sections, sections_of
 from truestand.gear.seen_flanks import Influence
+
+
+@dataclass(frozen=True, slots=True)
+class Assessment:
+    """Figures (mm) and by how much each input of the budget may move them (U, k = 2)."""
+
+    nominal: Involute
+    figures: Figures
+    without_damage: Figures
+    """The same as if no reading had fallen on damage,"""
+    without_top: Figures
+    """or on what lies on top of a flank."""
+    expanded: dict[str, Figures]
+    """U by the name of the input."""
+    influences: tuple[Influence, ...]
+    coverage: Coverage
+    damage: tuple[Damage, ...]
+    told: tuple[Damage, ...]
+    """Those of them that show in readings, or in rays that should have met the flank and didn't: no mere gaps."""
+    zones: dict[Zone, Mask]
+    """From which cells (roll lengths, heights) figures are read."""
+    there: Mask
+    """(teeth,): but for those that the drawing leaves out."""
+    sections: Sections | None
+    """None: only the sections that the standard reads."""
+    cell_height: float
+    """mm."""
+
+    @property
+    def teeth(self) -> int:
+        """How many are there, one at least."""
+        return max(int(self.there.sum()), 1)
+
+    @property
+    def edge_share(self) -> float:
+        """Half a cell's height over the height of the middle of the face."""
+        return self.cell_height / (4 * TRACE_SHARE * self.nominal.gear.face_width)
+
+    @property
+    def open_end(self) -> float:
+        """mm before the end of its range at which a helix that was seen to its end may have its last point."""
+        return self.cell_height / 2
 
 
 def assess(

@@ -10,8 +10,9 @@ from truestand.apply.datum import Datum
 from truestand.core.calibration import Contribution
 from truestand.core.inspection import EDITION, GUARD_FACTOR, WORST, Characteristic, decided, status_of
 from truestand.core.scan import Scan
+from truestand.gear.assess import Assessment
 from truestand.gear.budget import lines_of
-from truestand.gear.doubt import SIZES, Assessment, gap_of, noise_of, touching, with_damage
+from truestand.gear.doubt import SIZES, noise_of, touching, with_damage
 from truestand.gear.drawing import Gear
 from truestand.gear.evaluate import (
     AREAL,
@@ -24,6 +25,7 @@ from truestand.gear.evaluate import (
     PROFILE_NAMES,
     mean_seen,
 )
+from truestand.gear.gaps import gap_of
 from truestand.gear.geometry import FACE_SHARE, FLANKS, TIP_SHARE, Involute, pitch_span
 from truestand.gear.grid import TRACE_SHARE
 from truestand.gear.sections import Sections

@@ -31,8 +31,8 @@ class Coverage:
     """Of its area along the roll length, or of the trace at mid-face where less was seen of it."""
     helix: Array
     """Of its area along the height, or of the trace on the measuring circle."""
-    profile_gap: Array
-    """mm of roll length: the widest stretch of the profile at mid-face, its ends included, without a reading."""
+    profile_rolls: Array
+    """(2, teeth, n) mm: where readings at mid-face lie along the profile, its ends included."""
     helix_gap: Array
     """mm: what of the helix was not seen, along the height, or across the measuring circle if the readings beside it
     lie farther apart."""
@@ -44,6 +44,11 @@ class Coverage:
     """(2,): sides of whose profiles no tooth shows a part that rays should meet, or the lower end."""
     sides_tied: bool = True
     """Whether left and right flanks were seen in one frame."""
+
+    @property
+    def profile_gap(self) -> Array:
+        """(2, teeth) mm of roll length: the widest stretch of the profile at mid-face without a reading."""
+        return np.asarray(np.diff(self.profile_rolls, axis=2).max(axis=2))
 
 
 def coverage_of(
@@ -75,7 +80,7 @@ def coverage_of(
             _share_seen(measures.profile, profile, step_on_flank(nominal, profile, step) / 2),
         ),
         helix_share,
-        _widest_gap(evaluator.traces).reshape(near.shape),
+        _profile_rolls(evaluator.traces).reshape(*near.shape, -1),
         np.maximum((1.0 - helix_share) * (top - bottom), evaluator.traces.across.reshape(near.shape)),
         _open_ends(evaluator.traces).reshape(2, *near.shape),
         blind,
@@ -106,9 +111,8 @@ def _open_ends(traces: Traces) -> Array:
     return np.maximum([lowest.min(axis=1) - low, high - highest.max(axis=1)], 0.0)
 
 
-def _widest_gap(traces: Traces) -> Array:
-    """Longest stretch (flanks,) mm of the profile at the middle of the face without a reading, its ends included."""
+def _profile_rolls(traces: Traces) -> Array:
+    """Where (flanks, n) mm readings at the middle of the face lie along the profile, increasing, its ends included."""
     low, high = traces.nominal.profile_range
     at = np.nan_to_num(np.clip(traces.rolls[:, traces.band], low, high), nan=high)
-    ordered = np.sort(at.reshape(at.shape[0], -1), axis=1)
-    return np.asarray(np.diff(ordered, axis=1, prepend=low, append=high).max(axis=1))
+    return np.pad(np.sort(at.reshape(at.shape[0], -1), axis=1), ((0, 0), (1, 1)), constant_values=(low, high))

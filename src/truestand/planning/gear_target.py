@@ -18,12 +18,11 @@ from truestand.core.assumptions import PLANE_TILT_U, K
 from truestand.core.calibration import Calibration
 from truestand.core.errors import BadRecipe
 from truestand.core.inspection import Characteristic, decided
-from truestand.gear.assess import assess
+from truestand.gear.assess import Assessment, assess
 from truestand.gear.budget import Weighed, influences_of, radial_lines
 from truestand.gear.characteristics import characteristics_of, limits_of
 from truestand.gear.coverage import coverage_of
 from truestand.gear.damage import unseen_in_traces
-from truestand.gear.doubt import Assessment
 from truestand.gear.drawing import Gear
 from truestand.gear.evaluate import evaluate, evaluator_of, slope_length
 from truestand.gear.flanks import Toothing

@@ -105,23 +105,40 @@ def lone_readings(
 def _together(side: Array, row: NDArray[np.int64], column: Array, total: int) -> Mask:
     """Which lone readings (n,) of a ``total`` stand with more such on the same ``side`` of the surface (-1 or 1) than
     chance puts there: where a steep edge is seen aslant, no two of its readings are alike.
-    """
-    from scipy.spatial import KDTree
-    from scipy.special import bdtrc
 
-    found = np.zeros(side.size, dtype=bool)
-    places = (2 * NEAR[0] + 1) * (2 * NEAR[1] + 1) - 1
-    fewest = np.arange(LEAST_TOGETHER, places + 1)
-    rare = side.size * bdtrc(fewest - 1, places, side.size / total) < RARE
-    if not side.size or not rare.any():
-        return found
+    Those that do are no outliers, and don't tell how many of them chance makes.
+    """
+    others, found = _others_near(side, row, column), np.zeros(side.size, dtype=bool)
+    while True:
+        together = others >= _fewest_together(int(np.count_nonzero(~found)), total)
+        if not (together & ~found).any():
+            return found
+        found |= together
+
+
+def _others_near(side: Array, row: NDArray[np.int64], column: Array) -> NDArray[np.int64]:
+    """How many of the others on its ``side`` (n,) stand near each reading in ``row`` and ``column``."""
+    from scipy.spatial import KDTree
+
+    others = np.zeros(side.size, dtype=np.int64)
     for sign in (-1.0, 1.0):
         own = np.flatnonzero(side == sign)
         if own.size:
             at = np.stack([row[own] / NEAR[0], column[own] / NEAR[1]], axis=1)
-            others = KDTree(at).query_ball_point(at, 1.0, p=inf, return_length=True) - 1
-            found[own] = others >= fewest[np.argmax(rare)]
-    return found
+            others[own] = KDTree(at).query_ball_point(at, 1.0, p=inf, return_length=True) - 1
+    return others
+
+
+def _fewest_together(outliers: int, total: int) -> float:
+    """How many others must stand near one of so many ``outliers`` among a ``total`` of readings for that not to happen
+    by chance anywhere in a scan.
+    """
+    from scipy.special import bdtrc
+
+    places = (2 * NEAR[0] + 1) * (2 * NEAR[1] + 1) - 1
+    fewest = np.arange(LEAST_TOGETHER, places + 1)
+    rare = outliers * bdtrc(fewest - 1, places, outliers / total) < RARE
+    return float(fewest[np.argmax(rare)]) if rare.any() else inf
 
 
 def _needed(off: Array, total: int, reach: float, beside: int) -> tuple[int, int]:
