@@ -14,7 +14,7 @@ data can tell*). The Jacobian is analytic. What is known of the unknowns beforeh
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import cos, hypot, sin
 
 import numpy as np
@@ -215,7 +215,8 @@ class Model:
         for k in range(len(self.radii)):
             rows = _rows(readings, k)
             at = self._geometry(parameters, readings.taken(rows), k)
-            across, beside = at.c * at.normal[0] - at.s * at.normal[1], at.s * at.normal[0] + at.c * at.normal[1]
+            x, y, _ = at.seen.normal
+            across, beside = at.c * x - at.s * y, at.s * x + at.c * y
             out[rows] = np.arctan2(beside, across) - self._azimuth_of_middle(parameters, k, at)
         return out
 
@@ -238,13 +239,13 @@ class Model:
         """Residuals on cylinder ``k``; fills ``jacobian`` where one is given."""
         at = self._geometry(p, r, k)
         a, b = np.split(p[self.form_slice(k)], 2)
-        towards = at.normal[:2] if turned is None else at.on_shaft(self._azimuth_of_middle(p, k, at) + turned)
+        towards = at.seen.normal[:2] if turned is None else at.on_shaft(self._azimuth_of_middle(p, k, at) + turned)
         cosines, sines = _waves(towards[0], towards[1], self.orders)
-        residual = (at.distance - self.radii[k] - (a @ cosines + b @ sines)) / at.facing
+        residual, at = at.on_surface(self.radii[k] + a @ cosines + b @ sines)
         if jacobian is None:
             return np.asarray(residual)
         slope = _slope(a, b, cosines, sines)
-        self._fill_geometry(jacobian, p, r, at, at.normal)
+        self._fill_geometry(jacobian, p, r, at, at.seen.normal)
         if k:
             self._fill_stretch(jacobian, p, r, at, k)
         over_geometry, over_angle = self._slopes_of_middle(p, k, at)
@@ -261,7 +262,7 @@ class Model:
         jacobian[:, self.static_slice(k)] = -at.static * jacobian[:, RADIAL, None]
         jacobian[:, self.bearing_slice] = -np.vstack(at.bearing).T * jacobian[:, RADIAL, None]
         jacobian[:, self.form_slice(k)] = -np.vstack([cosines, sines]).T
-        jacobian /= at.facing[:, None]
+        jacobian /= at.seen.facing[:, None]
         return np.asarray(residual)
 
     def _geometry(self, p: Array, r: Readings, k: int) -> "_ReadingGeometry":
@@ -283,18 +284,9 @@ class Model:
         if k:
             more, along_it = p[self.stretch_slice(k)]
             u = u - (more + along_it * (v - self.middles[k])) * travel
-        point = np.stack([c * u + s * y, c * y - s * u, z])
-        length = np.sqrt(tx * tx + ty * ty + 1.0)
-        away = point - np.array([[ex], [ey], [0.0]])
-        lengthwise = (tx * away[0] + ty * away[1] + away[2]) / length
-        normal = away - lengthwise * np.array([[tx], [ty], [1.0]]) / length
-        distance = np.sqrt(np.einsum("ij,ij->j", normal, normal))
-        normal /= distance
-        towards = np.maximum(c * normal[0] - s * normal[1], LEAST_COSINE)
-        return _ReadingGeometry(
-            across, along, static, bearing, travel, sideways, v, c, s, point, lengthwise / length, normal, distance,
-            towards,
-        )  # fmt: skip
+        point, axis = np.stack([c * u + s * y, c * y - s * u, z]), (ex, ey, tx, ty)
+        seen = _FromAxis.of(point, axis, c, s)
+        return _ReadingGeometry(across, along, static, bearing, travel, sideways, v, c, s, point, axis, seen)
 
     def _fill_geometry(self, jacobian: Array, p: Array, r: Readings, at: "_ReadingGeometry", gradient: Array) -> None:
         """Columns of the geometry's unknowns, in the order of ``GEOMETRY``, from the residual's gradient in R."""
@@ -307,7 +299,7 @@ class Model:
         jacobian[:, PLANE_OFFSET] = beside
         jacobian[:, PLANE_TILT] = at.v * (cos(tilt) * beside - sin(tilt) * gradient[2])
         jacobian[:, ECCENTRICITY_X], jacobian[:, ECCENTRICITY_Y] = -gradient[0], -gradient[1]
-        jacobian[:, TILT_X], jacobian[:, TILT_Y] = -at.lever * gradient[0], -at.lever * gradient[1]
+        jacobian[:, TILT_X], jacobian[:, TILT_Y] = -at.seen.lever * gradient[0], -at.seen.lever * gradient[1]
         jacobian[:, DRIFT] = across * r.time
         turning = gradient[0] * at.point[1] - gradient[1] * at.point[0]
         jacobian[:, SPEED] = turning * (r.angle - self.start_angle)
@@ -383,18 +375,50 @@ class _ReadingGeometry:
     s: Array
     point: Array
     """(3, n) mm in R."""
-    lever: Array
-    """mm along the axis from height 0, by which a slope of the axis moves it sideways."""
-    normal: Array
-    """(3, n) outward unit normals of the round cylinder, in R."""
-    distance: Array
-    facing: Array
-    """Cosine between the normal and T's X, along which the sensor errs."""
+    axis: tuple[float, float, float, float]
+    """In R: offset at height 0 and slope."""
+    seen: "_FromAxis"
+
+    def on_surface(self, radius: Array) -> tuple[Array, "_ReadingGeometry"]:
+        """How far (n,) mm outwards of a surface of some ``radius`` (n,) mm readings lie along T's X, and the geometry
+        of where the sensor would meet it: slopes at a reading itself go along with its noise, and what hardly turns the
+        surface would be drawn by the noise's square.
+        """
+        away = (self.seen.distance - radius) / self.seen.facing
+        point = self.point - away * np.stack([self.c, -self.s, np.zeros_like(self.c)])
+        met = _FromAxis.of(point, self.axis, self.c, self.s)
+        return away + (met.distance - radius) / met.facing, replace(self, point=point, seen=met)
 
     def on_shaft(self, azimuths: Array) -> tuple[Array, Array]:
         """Direction (cosine and sine, (n,) each) in R of azimuths (n,) rad in T."""
         across, beside = np.cos(azimuths), np.sin(azimuths)
         return across * self.c + beside * self.s, beside * self.c - across * self.s
+
+
+@dataclass(frozen=True, slots=True)
+class _FromAxis:
+    """Points (n,) seen from an axis."""
+
+    distance: Array
+    """mm."""
+    lever: Array
+    """mm along the axis from height 0, by which a slope of the axis moves it sideways."""
+    normal: Array
+    """(3, n) unit vectors across the axis, in R."""
+    facing: Array
+    """Cosine between the normal and T's X, along which the sensor errs."""
+
+    @classmethod
+    def of(cls, point: Array, axis: tuple[float, float, float, float], c: Array, s: Array) -> "_FromAxis":
+        """``point`` (3, n) mm in R, with the table at angles of which ``c`` and ``s`` (n,) are cosine and sine."""
+        ex, ey, tx, ty = axis
+        length = np.sqrt(tx * tx + ty * ty + 1.0)
+        away = point - np.array([[ex], [ey], [0.0]])
+        lengthwise = (tx * away[0] + ty * away[1] + away[2]) / length
+        normal = away - lengthwise * np.array([[tx], [ty], [1.0]]) / length
+        distance = np.sqrt(np.einsum("ij,ij->j", normal, normal))
+        normal /= distance
+        return cls(distance, lengthwise / length, normal, np.maximum(c * normal[0] - s * normal[1], LEAST_COSINE))
 
 
 def _rows(r: Readings, cylinder: int) -> slice | Ints:
