@@ -23,7 +23,7 @@ from truestand.files.shapes.clouds import Cloud, open_cloud, write_clouds
 from truestand.gear.flanks import find_toothing
 from truestand.gear.geometry import involute
 from truestand.parts.inspect import demand_right_views, inspect
-from truestand.sim import VirtualGear, paper_shaft, simulate
+from truestand.sim import Misalignment, VirtualGear, paper_shaft, simulate
 from truestand.station.pipeline import Inputs, Outputs, inspect_job
 from views import AZIMUTH, two_sensors
 
@@ -35,13 +35,16 @@ GEAR = VirtualGear(SPUR, WORN)
 
 
 @cache
-def scans(part=None, columns=("angle",), start_angle=0.0, profiles=1100):
-    """Both views of the shaft, or of a gear on it; 1.1 turns at 1,000 profiles each."""
+def scans(part=None, columns=("angle",), start_angle=0.0, profiles=1100, off_coaxial=0.0, seed=2):
+    """Both views of the shaft, or of a gear on it; 1.1 turns at 1,000 profiles each. One step ``off_coaxial`` (mm)."""
     base = simulation(profiles)
+    base = replace(base, workpiece=replace(base.workpiece, misalignments=(Misalignment("bearing", off_coaxial),)))
     acquisition = replace(base.acquisition, columns=columns, start_angle=start_angle)
     both = replace(base, acquisition=acquisition, views=(("front", MOUNTING), ("rear", REAR)))
     return tuple(
-        interpret(simulate(STAND.of_view(v), both.seen_from(v), paper_shaft(), 2, None, part).recording, STAND, view=v)
+        interpret(
+            simulate(STAND.of_view(v), both.seen_from(v), paper_shaft(), seed, None, part).recording, STAND, view=v
+        )
         for v in ("front", "rear")
     )
 
@@ -126,6 +129,24 @@ def test_a_view_that_moved_is_named_and_the_others_hold():
     assert [str(r) for r in moved.reasons] == [f"view 'rear': sensor, radially: {SENSOR_MOVED}"]
     with pytest.raises(BadRecipe, match="need another view for each"):
         verify_views((scans()[0], scans()[0]), known, paper_shaft())
+
+
+def test_views_are_verified_as_they_were_calibrated():
+    """A step off coaxial is read otherwise by one view than by both: sound stands *did not hold*, on the very scans
+    that they had been calibrated by (an outsider's: 44 and 76 um sideways).
+    """
+    first, again = (scans(off_coaxial=8 * UM, seed=seed) for seed in (2, 3))
+    known = calibrate_views(first, paper_shaft())
+    same, new, alone = (verify_views(now, known, paper_shaft(), 0.06) for now in (first, again, again[:1]))
+    assert max(c.value for c in same.changes) < 0.01 * UM
+    assert new.verdict == "holds" and all(c.value < c.U for c in new.changes)
+    sideways, by_one = (
+        next(c for c in found.changes if c.code == "sensor_moved_sideways" and c.view in ("front", None))
+        for found in (new, alone)
+    )
+    assert sideways.value < by_one.value < by_one.U and by_one.U > 2 * sideways.U
+    near = verify_views(again[:1], known, paper_shaft(), 0.02)
+    assert near.verdict == "undecided" and "by every view of the calibration" in str(near.reasons[0])
 
 
 def test_nothing_is_no_part():

@@ -12,11 +12,12 @@ from truestand.apply.views import demand_one_each
 from truestand.apply.witness import Witness, witness
 from truestand.calibration.calibrate import calibrate
 from truestand.calibration.positions import calibrate_on_axes
+from truestand.calibration.views import calibrate_views
 from truestand.core.arrays import Array
 from truestand.core.artefact import Artefact
 from truestand.core.assumptions import K
 from truestand.core.calibration import Calibration, ScanSummary
-from truestand.core.errors import NotEnoughData
+from truestand.core.errors import NotEnoughData, TruestandError
 from truestand.core.frames import (
     PHI,
     PLANE_OFFSET,
@@ -40,6 +41,7 @@ LIMIT = 0.01
 """mm by which a calibrated point may have moved on the artefact."""
 SENSOR_MOVED = "the sensor has moved or turned in the laser plane: calibrate again"
 SHAFT_MOVED = "the shaft was clamped again or has slipped: calibrate again"
+MORE_TURNS, EVERY_VIEW = "scan for more turns", "scan the shaft by every view of the calibration"
 PUBLISHED = Message(
     "published_method", "the old calibration is of the published method, which knows no laser plane or tilt"
 )
@@ -86,7 +88,8 @@ def verify_views(
         BadRecipe: two scans of one view, or one of a view of which the calibration is not.
     """
     demand_one_each(scans)
-    found = [verify(scan, old, artefact, limit, start_stated) for scan in scans]
+    together = _calibrated_together(scans, old, artefact, start_stated)
+    found = [_verify(scan, old, artefact, limit, start_stated, together) for scan in scans]
     if len(found) == 1:
         return found[0]
     named = list(zip((scan.view for scan in scans), found, strict=True))
@@ -115,24 +118,55 @@ def verify(
         NotEnoughData: the new scan can't be calibrated and shows no witness band.
         BadRecipe: a scan of a view of which the calibration is not, or that another view took.
     """
+    return _verify(scan, old, artefact, limit, start_stated, None)
+
+
+def _verify(
+    scan: Scan, old: Calibration, artefact: Artefact, limit: float, start_stated: bool, together: Calibration | None
+) -> Verification:
+    """``verify`` by the scans of all views calibrated ``together``; None: by this scan alone."""
     whole, old = old, old.for_scan(scan)
     if whole.views:
         demand_own_view(scan, whole, witness(scan, old))
     reasons = (*configuration_reasons(scan, old), *(() if old.method == "stand" else (PUBLISHED,)))
-    tied = not untied_reasons(scan, old, start_stated) and old.angle_zero != "unknown"
+    tied = _is_tied(scan, old, start_stated)
     if not tied:
         aligned = transfer(scan, old)
         scan = aligned.scan
         if aligned.calibration.angle_zero != "witness":
             reasons = (*reasons, *(untied_reasons(scan, old) or (UNTIED,)))
-    new, untrusted = _calibrated(scan, artefact, old)
+    new, untrusted = _calibrated(scan, artefact, old) if together is None else _trusted(together.for_scan(scan))
     band = None if new is not None and _shows_artefact(new) else witness(scan, replace(old, artefact=artefact))
     if band is not None:
         return _verification(_changes_in_band(band, tied, limit), reasons, "witness", scan, new)
     if new is None:
         raise NotEnoughData(untrusted[0])
     reasons = (*(reason.prefixed("the new scan is untrusted: ") for reason in untrusted), *reasons)
-    return _verification(_changes(old, new, artefact, limit), reasons, "calibration", scan, new)
+    covariance, then = _repeatability(old, new), MORE_TURNS
+    if whole.views and together is None:
+        covariance, then = covariance + _told_together(old, new), EVERY_VIEW
+    return _verification(_changes(old, new, artefact, limit, covariance), reasons, "calibration", scan, new, then)
+
+
+def _is_tied(scan: Scan, old: Calibration, start_stated: bool) -> bool:
+    """Whether the scan's angle is that of the calibration."""
+    return not untied_reasons(scan, old, start_stated) and old.angle_zero != "unknown"
+
+
+def _calibrated_together(
+    scans: tuple[Scan, ...], old: Calibration, artefact: Artefact, start_stated: bool
+) -> Calibration | None:
+    """The calibration of all views by new scans, as the old one was made: what steps off coaxial do to both cancels.
+
+    None: of some views only, or where it can't be told.
+    """
+    every = len(scans) > 1 and {scan.view for scan in scans} == {view.name for view in old.views}
+    if not every or not all(_is_tied(scan, old.for_scan(scan), start_stated) for scan in scans):
+        return None
+    try:
+        return calibrate_views(scans, artefact)
+    except TruestandError:
+        return None  # each is judged by itself then
 
 
 def _calibrated(scan: Scan, artefact: Artefact, old: Calibration) -> tuple[Calibration | None, tuple[Message, ...]]:
@@ -142,6 +176,10 @@ def _calibrated(scan: Scan, artefact: Artefact, old: Calibration) -> tuple[Calib
         new = calibrate_on_axes(scan, artefact, axes) if axes else calibrate(scan, artefact)
     except NotEnoughData as error:
         return None, (Message("not_calibrated", str(error)),)
+    return _trusted(new)
+
+
+def _trusted(new: Calibration) -> tuple[Calibration, tuple[Message, ...]]:
     return new, tuple(r for r in new.reasons if r.code != UNTIED.code)
 
 
@@ -151,11 +189,19 @@ def _shows_artefact(new: Calibration) -> bool:
 
 
 def _verification(
-    changes: list[Change], undecided: tuple[Message, ...], by: By, scan: Scan, new: Calibration | None
+    changes: list[Change],
+    undecided: tuple[Message, ...],
+    by: By,
+    scan: Scan,
+    new: Calibration | None,
+    then: str = MORE_TURNS,
 ) -> Verification:
-    """The worst of the changes; nothing is decided where there are reasons why it is ``undecided``."""
+    """The worst of the changes; nothing is decided where there are reasons why it is ``undecided``.
+
+    ``then``: what to do where U is too large.
+    """
     worst = _worst({c.verdict for c in changes})
-    reasons = tuple(_reason(c) for c in changes if c.verdict != "holds")
+    reasons = tuple(_reason(c, then) for c in changes if c.verdict != "holds")
     if undecided:
         worst, reasons = "undecided", undecided
     return Verification(worst, tuple(changes), reasons, new, (ScanSummary.of(scan),), by)
@@ -165,10 +211,10 @@ def _worst(verdicts: set[Verdict]) -> Verdict:
     return next(v for v in WORST_FIRST if v in verdicts)
 
 
-def _reason(c: Change) -> Message:
+def _reason(c: Change, then: str) -> Message:
     if c.verdict == "undecided":
         found = f"found {1000 * c.value:.2f} um with U {1000 * c.U:.2f} um, limit {1000 * c.limit:.2f} um"
-        text = f"{c.name}: {found}: too near to decide, or not known well enough; scan for more turns"
+        text = f"{c.name}: {found}: too near to decide, or not known well enough; {then}"
         return Message(f"{c.code}_undecided", text)
     return Message(c.code, f"{c.name}: {c.advice}")
 
@@ -194,9 +240,11 @@ def _changes_in_band(band: Witness, direction: bool, limit: float) -> list[Chang
     ]
 
 
-def _changes(old: Calibration, new: Calibration, artefact: Artefact, limit: float) -> list[Change]:
-    """Everything that could have moved, each at the worst of the artefact's points in view."""
-    covariance = _repeatability(old, new)
+def _changes(old: Calibration, new: Calibration, artefact: Artefact, limit: float, covariance: Array) -> list[Change]:
+    """Everything that could have moved, each at the worst of the artefact's points in view.
+
+    ``covariance`` (8, 8): of the difference of the unknowns where nothing moved.
+    """
     points = _seen_points(new, artefact)
     moved = unknowns_of(new)[0] - unknowns_of(old)[0]
     # The largest move counts, with its own U.
@@ -213,6 +261,15 @@ def _changes(old: Calibration, new: Calibration, artefact: Artefact, limit: floa
 def _repeatability(old: Calibration, new: Calibration) -> Array:
     """Covariance (8, 8) of the difference of two calibrations of the same artefact."""
     return new.repeatability + (old.repeatability if old.repeatability.size else new.repeatability)
+
+
+def _told_together(old: Calibration, new: Calibration) -> Array:
+    """Covariance (8, 8) of what several views have told together of one and its own scan doesn't: by as much one knows
+    more than the other, in the directions in which it does (Hausman 1978).
+    """
+    scale = np.sqrt(np.maximum(np.diag(new.covariance), 1e-300))
+    values, vectors = np.linalg.eigh((new.covariance - old.covariance) / np.outer(scale, scale))
+    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T * np.outer(scale, scale))
 
 
 def _seen_points(new: Calibration, artefact: Artefact) -> list[tuple[float, float, float]]:
