@@ -188,6 +188,7 @@ def test_another_part_turned_over_is_not_tied():
     first, second = both(STEEP, MARKED)[0], both(STEEP, other)[1]
     together = laid_together((first, second), STEEP, (0, "over"))
     assert codes(together.reasons) == {"part_not_tied"} and together.surfaces == (first,)
+    assert "--part-turned" not in str(together.reasons[0])  # which was said
 
 
 STEPS_APART = (-0.0015, 0.001)

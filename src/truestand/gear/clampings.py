@@ -60,7 +60,7 @@ def laid_together(surfaces: Sequence[Surface], gear: Gear, turned: Sequence[Part
     ties = ties_of(clampings, firsts)
     alone = tuple(s for k, s in enumerate(surfaces) if firsts[k] == k)
     if untied := [k for k, tie in enumerate(ties, 1) if not tie.sure]:
-        return Together(alone, (_not_tied(untied),), (FIRST_ALONE,))
+        return Together(alone, (_not_tied(untied, turned),), (FIRST_ALONE,))
     placed = [_turned_back(c.surface, datum, tie.turn) for c, tie in zip(clampings, ties, strict=True)]
     again, doubted = _turned_over(ties), _doubted(ties, surfaces[0].origin[1], gear)
     if not any(tie.by_flanks for k, tie in enumerate(ties) if firsts[k] != k):
@@ -114,12 +114,13 @@ def _clamping(surface: Surface, turned: PartTurned, nominal: Involute, datum: Da
     return Clamping(upright, find_toothing(upright, nominal, datum), turned, Clamping(surface, toothing, None))
 
 
-def _not_tied(clampings: list[int]) -> Message:
+def _not_tied(clampings: list[int], turned: Sequence[PartTurned]) -> Message:
     listed = ", ".join(map(str, clampings))
+    over = any(turned[k] == OVER for k in clampings)
+    turned_over = "" if over else ", or it was turned over, which --part-turned 0,over says"
     text = (
         f"clamping {listed}: how the part was turned can't be told, its pitches are too even, its tips contradict, its "
-        "face lies at other heights, it was not turned, or it was turned over, which --part-turned 0,over says: "
-        "inspect each scan by itself"
+        f"face lies at other heights, it was not turned{turned_over}: inspect each scan by itself"
     )
     return Message("part_not_tied", text)
 
