@@ -116,7 +116,7 @@ def _clamping(surface: Surface, turned: PartTurned, nominal: Involute, datum: Da
 
 def _not_tied(clampings: list[int], turned: Sequence[PartTurned]) -> Message:
     listed = ", ".join(map(str, clampings))
-    over = any(turned[k] == OVER for k in clampings)
+    over = any(turned[k - 1] == OVER for k in clampings)
     turned_over = "" if over else ", or it was turned over, which --part-turned 0,over says"
     text = (
         f"clamping {listed}: how the part was turned can't be told, its pitches are too even, its tips contradict, its "
