@@ -135,7 +135,7 @@ def _verify(
         scan = aligned.scan
         if aligned.calibration.angle_zero != "witness":
             reasons = (*reasons, *(untied_reasons(scan, old) or (UNTIED,)))
-    new, untrusted = _calibrated(scan, artefact, old) if together is None else _trusted(together.for_scan(scan))
+    new, untrusted = _calibrated(scan, artefact, old) if together is None else _with_doubts(together.for_scan(scan))
     band = None if new is not None and _shows_artefact(new) else witness(scan, replace(old, artefact=artefact))
     if band is not None:
         return _verification(_changes_in_band(band, tied, limit), reasons, "witness", scan, new)
@@ -176,10 +176,11 @@ def _calibrated(scan: Scan, artefact: Artefact, old: Calibration) -> tuple[Calib
         new = calibrate_on_axes(scan, artefact, axes) if axes else calibrate(scan, artefact)
     except NotEnoughData as error:
         return None, (Message("not_calibrated", str(error)),)
-    return _trusted(new)
+    return _with_doubts(new)
 
 
-def _trusted(new: Calibration) -> tuple[Calibration, tuple[Message, ...]]:
+def _with_doubts(new: Calibration) -> tuple[Calibration, tuple[Message, ...]]:
+    """A calibration and why it is not to be trusted; its zero of the angle is judged before."""
     return new, tuple(r for r in new.reasons if r.code != UNTIED.code)
 
 
