@@ -38,16 +38,18 @@ def worn(rolls, heights, depth, edge=0.1, errors=SOUND, tooth=5):
 
 
 @lru_cache(maxsize=4)
-def inspected(errors, gear=GEAR, how=None, points=POINTS, blind=(), shaking=0.0, strays=0.0, stuck=None):
+def inspected(errors, gear=GEAR, how=None, points=POINTS, blind=(), shaking=0.0, strays=0.0, stuck=None, gone=0.0):
     """A sensor that reads steep flanks to 5 um and a good encoder; ``blind``: spots without a reading, (tooth, flank,
     roll length, height, radius) each; ``shaking``: mm rms by which whole profiles are off, those beside each other
     alike; ``strays``: share of the readings that are half a millimetre off, one way or the other; ``stuck``: points of
-    the sensor and the range that they report, NaN: none.
+    the sensor and the range that they report, NaN: none; ``gone``: share of the readings that get lost in runs of 3
+    to 12.
     """
     recording = scanned(gear, errors, how or simulation(), points).recording
     scan = interpret(replace(recording, z=_stuck(recording.z, *stuck)) if stuck else recording, stand(points))
     scan = replace(scan, z=scan.z + shaking * _shaken(scan.z.shape[0])[:, None]) if shaking else scan
     scan = replace(scan, z=scan.z + _strayed(scan.z.shape, strays)) if strays else scan
+    scan = replace(scan, z=np.where(_in_runs(scan.z.shape, gone), np.nan, scan.z)) if gone else scan
     sensor = replace(scan.stand.sensor, incidence_U=0.005)
     stated = replace(scan.stand, sensors=(sensor,), table=replace(scan.stand.table, angle_U=1e-5))
     known = replace(true_calibration(bool(gear.helix_angle)), reasons=())
@@ -70,6 +72,17 @@ def _strayed(shape, share):
     """mm (profiles, points) by which a share of the readings is off, 0.5 rms."""
     rng = np.random.default_rng(8)
     return np.where(rng.random(shape) < share, rng.normal(0.0, 0.5, shape), 0.0)
+
+
+def _in_runs(shape, share):
+    """Which readings (profiles, points) get lost: about this share, 3 to 12 points of a profile at a time."""
+    rng, (profiles, points) = np.random.default_rng(9), shape
+    number = rng.poisson(share * profiles * points / 7.5)
+    row, first, length = (rng.integers(*bounds, number) for bounds in ((0, profiles), (-12, points), (3, 13)))
+    begins, ends = np.zeros((2, profiles, points + 1), dtype=np.int64)
+    np.add.at(begins, (row, np.maximum(first, 0)), 1)
+    np.add.at(ends, (row, np.clip(first + length, 0, points)), 1)
+    return np.cumsum(begins - ends, axis=1)[:, :-1] > 0
 
 
 def without_readings(surface, gear, spots):

@@ -46,7 +46,7 @@ def test_a_profile_along_the_ranges_end_misses_no_reading():
     """Its noise puts two of three readings below the range, where it is none of the flank's: those were missed."""
     rolls = NOMINAL.control_roll + 0.004 * np.where(np.arange(POINTS) % 3, -1.0, 1.0)
     flanks = flanks_of([(3, 5, rolls, HEIGHTS), (3, 6, np.full(POINTS, LOW + 2.0), HEIGHTS)])
-    shown, missed, in_runs, _ = _between_readings(
+    shown, missed, in_runs, *_ = _between_readings(
         flanks, grid_of(flanks), np.ones(POINTS, dtype=bool), (LOW + 0.1, HIGH)
     )
     assert not missed.any() and not in_runs.any()

@@ -244,6 +244,22 @@ def test_long_runs_of_lost_readings_are_usual_where_many_get_lost():
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("share", tried([0.02], rarely=[0.005, 0.05]))
+def test_readings_lost_in_runs_are_no_holes(share):
+    """A run longer than single losses make was one, 0.3 by 0.3 mm at the middle of the face too: f_p 5 +- 2070."""
+    assert inspected(SOUND, points=640, gone=share).verdict == "conforms"
+
+
+@pytest.mark.slow
+def test_a_pit_that_returns_nothing_is_told_among_readings_lost_in_runs():
+    """All profiles that cross it lack theirs, four and more."""
+    middle = involute(GEAR).measuring_roll
+    found = inspected(SOUND, points=640, blind=((7, "left", middle, 15.0, 1.0),), gone=0.02)
+    for name in (*PROFILE, *HELIX):
+        assert verdict(found, name, 7) == "undecided" and verdict(found, name, 8) == "conforms", name
+
+
+@pytest.mark.slow
 def test_a_stand_that_shakes_makes_no_sound_gear_fail():
     """Profiles are off as a whole, those beside each other alike: f_Halpha -8.2 +- 0.8, f_falpha 6.8 +- 0.9 for 0."""
     fine = replace(GEAR, teeth=48, module=1.0, tip_diameter=50.0, root_diameter=45.5, accuracy_class=5)

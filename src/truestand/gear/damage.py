@@ -416,6 +416,7 @@ def _not_seen(rays: Rays, there: Mask) -> tuple[Mask, Array]:
     too_often = rays.missed & _missed_too_often(rays, there)
     weight = np.clip(np.log(np.maximum(rays.lost, LEAST_LOST) / MOST_LOST) / log(RARELY_LOST / MOST_LOST), 0.0, 1.0)
     single = rays.missed & on_most & (rays.lost <= MOST_LOST)
+    weight /= rays.on_end  # those of one run are lost together
     not_seen = single | _with_those_between(too_often, rays.expected & ~rays.missed, MOST_BETWEEN)
     return not_seen, np.where(too_often, 1.0, np.where(single, weight, 0.0))
 
@@ -441,7 +442,7 @@ def _missed_too_often(rays: Rays, there: Mask) -> Mask:
         for _ in range(PASSES):
             excess = _deviance(missed, expected, _usual(np.where(sound, missed, 0.0), np.where(sound, expected, 0.0)))
             spread = robust_sd(excess[sound]) if sound.any() else 1.0  # losses beside each other go together
-            more = np.asarray(excess > TOO_OFTEN * max(spread, 1.0))
+            more = np.asarray(excess > TOO_OFTEN * max(spread, sqrt(rays.on_end)))
             sound &= ~more
         too_often |= maximum_filter(
             more, [1, 1, *(2 * n if of is None else of for n, of in zip(more.shape[2:], window, strict=True))]

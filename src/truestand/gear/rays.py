@@ -42,8 +42,10 @@ the usual, and by how many readings more.
 """
 RUN_BY_CHANCE, LEAST_CHANCE_RUN = 0.01, 3
 """Probability that any run of a side is as long by chance, and readings that such a run has at least."""
-LEAST_SHARE_LOST, MOST_SHARE_LOST = 1e-3, 0.9
-"""Share of the readings of a side that get lost, at least and at most."""
+LEAST_SHARE, MOST_SHARE = 1e-3, 0.9
+"""Share of the lost readings of a side after which the next one is lost, too, at least and at most,"""
+BLOCKS_OF_FACE = 4
+"""and how many blocks of the face, along and across it, it is told from."""
 STEPS_OF_INCIDENCE = 20
 """In which it is told how many rays get lost: as many rays in each."""
 LIMIT_SPARE = radians(1.0)
@@ -76,6 +78,8 @@ class Rays:
     """Those of them that show nothing of it."""
     facing: Array
     """Cosine of the ray's incidence on each; NaN: never met."""
+    on_end: float = 1.0
+    """Cells of a profile that get lost together, usually."""
 
     @property
     def lost_in_row(self) -> Array:
@@ -177,7 +181,7 @@ def _of_any(rays: list[Rays]) -> Rays:
     facing = np.fmax.reduce(
         [np.where(own | ~any_expected, of_view.facing, np.nan) for own, of_view in zip(expected, rays, strict=True)]
     )
-    return Rays(any_expected, any_expected & ~shown, facing)
+    return Rays(any_expected, any_expected & ~shown, facing, max(of_view.on_end for of_view in rays))
 
 
 def rays_on_flanks(grid: Grid, surface: Array, level: Array, flanks: Flanks, view: GearView) -> FlankRays:
@@ -199,7 +203,7 @@ def rays_on_flanks(grid: Grid, surface: Array, level: Array, flanks: Flanks, vie
     angle = np.sort(table_angle(scan, calibration)[np.isfinite(scan.z).any(axis=1)])
     turned = STANDS_WITHIN / nominal.base_radius
     limits = low + float(step_on_flank(nominal, low, turned)), high
-    between, missed, in_runs, blind = _between_readings(flanks, grid, scan.live, limits)
+    between, missed, in_runs, blind, on_end = _between_readings(flanks, grid, scan.live, limits)
     near_root, better_seen = _by_the_fillet(grid, view)
     nothing_looks = bridge_gaps(blind, grid, 2 * turned) | _between_neighbours(flanks, grid, scan.live.size)
     expected, inside = _expected(angle, met, truly_met, grid, rows, limits, turned) & ~(nothing_looks | better_seen)
@@ -209,9 +213,9 @@ def rays_on_flanks(grid: Grid, surface: Array, level: Array, flanks: Flanks, vie
     untold = too_steep | near_root | (nearly & ~(expected & ~beside))
     between, missed = between & ~untold, missed & ~untold
     return FlankRays(
-        Rays(expected, expected & ~beside, facing), Rays(between, missed, facing),
-        Rays(between, missed & in_runs, facing), Rays(expected, expected & ~grid.seen, facing),
-        Rays(inside, inside & ~grid.seen, facing),
+        Rays(expected, expected & ~beside, facing, on_end), Rays(between, missed, facing, on_end),
+        Rays(between, missed & in_runs, facing, on_end), Rays(expected, expected & ~grid.seen, facing, on_end),
+        Rays(inside, inside & ~grid.seen, facing, on_end),
     )  # fmt: skip
 
 
@@ -288,10 +292,10 @@ def _by_the_fillet(grid: Grid, view: GearView) -> tuple[Mask, Mask]:
 
 def _between_readings(
     flanks: Flanks, grid: Grid, live: Mask, limits: tuple[float, float]
-) -> tuple[Mask, Mask, Mask, Mask]:
+) -> tuple[Mask, Mask, Mask, Mask, float]:
     """Cells (2, teeth, roll lengths, heights) between two readings that a profile has on a flank, at roll lengths
     within ``limits`` (mm): all of them, those of which more readings are missing than there are, and those where
-    unusually many are missing on end; and cells that the sensor is blind for.
+    unusually many are missing on end; cells that the sensor is blind for; and how many get lost together, usually.
 
     ``live`` (points,): points of the sensor that see anything in this scan. What the others don't see is not missing.
     """
@@ -312,12 +316,16 @@ def _between_readings(
     missing, blind = (np.bincount(cell[of], minlength=grid.count.size) for of in (of_live & inside, ~of_live))
     middle = (flanks.roll[order[1:]] + flanks.roll[order[:-1]]) / 2
     runs = np.where((middle > limits[0]) & (middle < limits[1]), np.bincount(at[of_live], minlength=number.size), 0)
-    long = _longer_than_usual(runs, flank[1:].astype(np.int64), grid)
+    height = (flanks.height[order[1:]] + flanks.height[order[:-1]]) / 2
+    length = _usual_length(runs, _block_of_face(middle, height, grid))
+    long = _longer_than_usual(runs, flank[1:].astype(np.int64), length, grid)
+    spacing = np.abs(np.diff(flanks.height[order])[apart == 1])
+    on_end = 1.0 + (length - 1.0) * min(float(np.median(spacing)) / grid.size[1], 1.0) if spacing.size else 1.0
     in_runs = np.bincount(cell[long[at]], minlength=grid.count.size)
     within = ((grid.rolls > limits[0]) & (grid.rolls < limits[1]))[:, None]
     missing, in_runs, blind = (n.reshape(grid.count.shape) for n in (missing, in_runs, blind))
     shown = within & (grid.seen | (missing > 0))
-    return shown, within & (missing > grid.count), in_runs > 0, (blind > grid.count) & (missing == 0)
+    return shown, within & (missing > grid.count), in_runs > 0, (blind > grid.count) & (missing == 0), on_end
 
 
 def _between_neighbours(flanks: Flanks, grid: Grid, points: int) -> Mask:
@@ -342,20 +350,37 @@ def _between_neighbours(flanks: Flanks, grid: Grid, points: int) -> Mask:
     return cells.reshape(grid.delta.shape)
 
 
-def _longer_than_usual(runs: NDArray[np.int64], flank: Ints, grid: Grid) -> Mask:
+def _longer_than_usual(runs: NDArray[np.int64], flank: Ints, length: float, grid: Grid) -> Mask:
     """Which of some ``runs`` (n,), each so many readings that a profile lacks on end on its ``flank`` (n,), are longer
     than chance makes the longest one of a flank: than most flanks have it, and, as most may be damaged alike, than it
-    is where readings get lost one by one as often as they do on that side.
+    is where each lost reading is followed by another one as seldom as their usual ``length`` says.
     """
     teeth = grid.delta.shape[1]
     longest = np.zeros(2 * teeth)
     np.maximum.at(longest, flank, runs)
     usual = LONGER * np.quantile(longest.reshape(2, teeth), USUALLY, axis=1) + LEAST_RUN
     side = flank // teeth
-    lost, seen = np.bincount(side, runs, minlength=2), np.bincount(side, minlength=2)
-    share = np.clip(lost / np.maximum(lost + seen, 1.0), LEAST_SHARE_LOST, MOST_SHARE_LOST)
-    by_chance = np.log(RUN_BY_CHANCE / np.maximum(seen, 1)) / np.log(share)
+    number = np.bincount(side[runs > 0], minlength=2)
+    share = np.clip((length - 1.0) / (length + 1.0), LEAST_SHARE, MOST_SHARE)
+    by_chance = 1.0 + np.log(RUN_BY_CHANCE / np.maximum(number, 1)) / np.log(share)
     return np.asarray(runs >= np.minimum(usual, np.maximum(by_chance, LEAST_CHANCE_RUN))[side])
+
+
+def _block_of_face(roll: Array, height: Array, grid: Grid) -> NDArray[np.int64]:
+    """In which block (n,) of the face points at some roll lengths and heights (n,) lie."""
+    row = bin_index(roll, grid.nominal.control_roll, grid.nominal.tip_roll, BLOCKS_OF_FACE)
+    return row * BLOCKS_OF_FACE + bin_index(height, grid.edges[0], grid.edges[-1], BLOCKS_OF_FACE)
+
+
+def _usual_length(runs: NDArray[np.int64], block: Ints) -> float:
+    """The mean length of the run that a lost reading lies in, of ``runs`` (n,) in a ``block`` (n,) of the face each:
+    few long ones among many single ones count. Where a reading that follows a lost one gets lost with a probability p,
+    it is (1 + p) / (1 - p).
+
+    The median of blocks: damage at one place of all flanks, or in a groove along or across them, is in few.
+    """
+    lost, squares = (np.bincount(block, runs**n, minlength=BLOCKS_OF_FACE**2) for n in (1, 2))
+    return float(np.quantile(np.where(lost > 0, squares / np.maximum(lost, 1.0), 1.0), 0.5, method="lower"))
 
 
 def _expected(
