@@ -32,6 +32,8 @@ WIDE_STEPS = (5.0, 2.5)
 MOST_STEPS, MOST_CELLS = 3.0, 4.0
 """Steps of the table that the nearest cells on either side of the measuring circle may be apart, and cells along the
 height that points of the helix may be: farther, readings got lost, and what lies between was not seen."""
+LEAST_BENT = 3
+"""Values that bend."""
 SHARED_BY = 8
 """Teeth that say together what all of them share: of fewer, each has too much a say in it."""
 HOLE = 1.0
@@ -230,20 +232,64 @@ def _mean_of_columns(values: Array, seen: Mask) -> Array:
     return np.where(number >= LEAST_COLUMNS * seen.shape[-1], mean, np.nan)
 
 
-def profile_bend(delta: Array, traces: Traces) -> Array:
-    """By how much (flanks,) mm profiles may reach beyond the cells they are read from."""
-    columns = np.flatnonzero(traces.band)
-    cells = columns_of(np.nan_to_num(delta))
-    bends = [_bend(cells[:, j], traces.rolls[:, j], traces.nominal.profile_range) for j in columns]
-    return np.asarray(np.mean(bends, axis=0))
+def profile_bend(delta: Array, shape: Array, grid: Grid, traces: Traces) -> Array:
+    """By how much (flanks,) mm profiles may reach beyond the cells that they are read from, where they bend otherwise
+    than the ``shape`` (2, rolls, heights) mm that all teeth share (how that is sampled, ``profile_unsampled`` says).
+
+    Noise bends columns each its way: theirs are averaged, as the profile is.
+    """
+    nominal, points, profiles = traces.nominal, profile_points(traces.nominal), profile_of(delta, traces)
+    rest = columns_of(np.nan_to_num(delta - _where_all_show_it(shape, grid, traces)))[:, traces.band]
+    found = np.zeros(profiles.shape[0])
+    for flank, (profile, values, rolls) in enumerate(zip(profiles, rest, traces.rolls[:, traces.band], strict=True)):
+        seen = np.isfinite(profile)
+        if seen.any():
+            bends = _bends_of_columns(values, rolls, points, nominal.profile_range)
+            straight = profile - np.polyval(np.polyfit(points[seen], profile[seen], 1), points)
+            for farthest in (np.nanargmax(straight), np.nanargmin(straight)):
+                step = float(step_on_flank(nominal, points[farthest], traces.step))
+                found[flank] = max(found[flank], bends[np.abs(points - points[farthest]) <= step].max())
+    return found
+
+
+def _bends_of_columns(values: Array, at: Array, points: Array, limits: tuple[float, float]) -> Array:
+    """By how much (n,) mm a flank bends between readings about some ``points`` (n,) mm, as its columns have it on the
+    mean: ``values`` (columns, rolls) mm ``at`` roll lengths (NaN: not seen).
+    """
+    total, number = np.zeros(points.size), 0
+    for column, roll in zip(values, at, strict=True):
+        on = np.flatnonzero((roll >= limits[0]) & (roll <= limits[1]))
+        if on.size >= LEAST_BENT:
+            total += np.interp(points, roll[on][1:-1], _bends(column[on], roll[on]))
+            number += 1
+    return np.abs(total) / max(number, 1)
+
+
+def _where_all_show_it(shape: Array, grid: Grid, traces: Traces) -> Array:
+    """The ``shape`` (2, rolls, heights) mm that all teeth share, where readings (2, teeth, rolls, heights) lie, on a
+    side of which together they show the whole profile; 0 on another one, on which they may all lie beside a wave.
+    """
+    low, high = traces.nominal.profile_range
+    inside = (grid.rolls > low) & (grid.rolls < high)
+    along = _along_profile(shape, traces)
+    along[~np.isfinite(along[:, inside]).all(axis=1)] = 0.0
+    return np.stack([
+        np.interp(roll, grid.rolls[known], of_side[known])
+        for roll, of_side, known in zip(grid.roll, along, np.isfinite(along), strict=True)
+    ])  # fmt: skip
+
+
+def _along_profile(shape: Array, traces: Traces) -> Array:
+    """What a ``shape`` (2, rolls, heights) mm has along the profile (2, rolls); NaN: not known."""
+    band = shape[:, :, traces.band]
+    return _mean_of_columns(band, np.isfinite(band))
 
 
 def profile_unsampled(shape: Array, grid: Grid, traces: Traces) -> Array:
     """By how much profiles (flanks, POINTS) mm are off between their readings where ``shape`` (2, rolls, heights) mm,
     which all teeth share, is theirs as well; NaN: not known.
     """
-    band, points = shape[:, :, traces.band], profile_points(traces.nominal)
-    along = _mean_of_columns(band, np.isfinite(band))
+    along, points = _along_profile(shape, traces), profile_points(traces.nominal)
     cells, whole = np.zeros(grid.roll.shape), np.zeros((2, 1, points.size))
     for side, known in enumerate(np.isfinite(along)):
         if known.any():
@@ -267,17 +313,24 @@ def helix_bend(delta: Array, traces: Traces) -> Array:
 def _bend(values: Array, at: Array, limits: tuple[float, float]) -> Array:
     """By how much (flanks,) mm smooth curves through values (flanks, n) may reach beyond the farthest of them.
 
-    An eighth of the second difference there, as on a parabola between two values; 0 for fewer than three.
+    0 for fewer than ``LEAST_BENT``.
     """
     found = np.zeros(values.shape[0])
     for flank in range(values.shape[0]):
         on = np.flatnonzero((at[flank] >= limits[0]) & (at[flank] <= limits[1]))  # NaN: not seen
-        if on.size < 3:
+        if on.size < LEAST_BENT:
             continue
         x, y = at[flank, on], values[flank, on]
-        share = (x[1:-1] - x[:-2]) / (x[2:] - x[:-2])
-        bend = np.abs(y[1:-1] - (1.0 - share) * y[:-2] - share * y[2:]) / 4.0
+        bend = np.abs(_bends(y, x))
         rest = y - np.polyval(np.polyfit(x, y, 1), x)
         for farthest in (int(np.argmax(rest)), int(np.argmin(rest))):
             found[flank] = max(found[flank], bend[max(farthest - 2, 0) : farthest + 1].max(initial=0.0))
     return found
+
+
+def _bends(values: Array, at: Array) -> Array:
+    """By how much (n - 2,) mm a parabola through values (n,) ``at`` increasing places bends between two of them: an
+    eighth of their second difference.
+    """
+    share = (at[1:-1] - at[:-2]) / (at[2:] - at[:-2])
+    return np.asarray((values[1:-1] - (1.0 - share) * values[:-2] - share * values[2:]) / 4.0)

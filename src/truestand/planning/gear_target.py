@@ -17,7 +17,7 @@ from truestand.core.arrays import Array, Ints, Mask
 from truestand.core.assumptions import PLANE_TILT_U, K
 from truestand.core.calibration import Calibration
 from truestand.core.errors import BadRecipe
-from truestand.core.inspection import Characteristic, decided
+from truestand.core.inspection import Characteristic
 from truestand.gear.assess import Assessment, assess
 from truestand.gear.budget import Weighed, influences_of, radial_lines
 from truestand.gear.characteristics import characteristics_of, limits_of
@@ -379,12 +379,8 @@ def _tied(views: Sequence[View], own: Sequence[SeenFlanks], seen: Sequence[Mask]
 
 
 def _typical(lines: Sequence[Characteristic]) -> Characteristic:
-    """The line of several scans that has the middle U, with the root mean square of all U that are known."""
-    middle = sorted(lines, key=lambda line: np.inf if line.U is None else line.U)[len(lines) // 2]
-    if middle.U is None:
-        return middle
-    U = float(np.sqrt(np.mean([line.U**2 for line in lines if line.U is not None])))
-    return decided(replace(middle, U=U))
+    """The line of several scans that has the middle U: one of few that is read badly by chance is none to expect."""
+    return sorted(lines, key=lambda line: np.inf if line.U is None else line.U)[len(lines) // 2]
 
 
 def _moved(fields: Array, nominal: Involute, cells: "_Cells") -> dict[str, Array]:
