@@ -41,9 +41,17 @@ def score_covariance(model: Model, cells: Cells, solution: Solution) -> Array:
     if scores is None:
         surface = sector * len(model.radii) + cells.readings.cylinder
         scores = clustered(jacobian * (solution.weights * residuals)[:, None], surface)
-    robust = tukey_weights(solution.noise.ratio(residuals, cells.weight))
-    correction = m_estimator_correction(float(cells.weight @ robust), float(cells.weight @ tukey_slopes(robust)))
-    return scores * correction**2 * cells.correction**2
+    return scores * robust_correction(cells, solution) ** 2
+
+
+def robust_correction(cells: Cells, solution: Solution) -> float:
+    """How much more the unknowns move with the residuals than the weights of readings and cells say
+    (``m_estimator_correction``): where dirt covers much of a surface, those near its limit pull less the farther off
+    they are.
+    """
+    robust = tukey_weights(solution.noise.ratio(solution.residuals, cells.weight))
+    of_cells = m_estimator_correction(float(cells.weight @ robust), float(cells.weight @ tukey_slopes(robust)))
+    return of_cells * cells.correction
 
 
 def clustered(scores: Array, sectors: Ints) -> Array:

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from truestand.calibration.covariance import robust_correction
 from truestand.calibration.estimate import solve
 from truestand.calibration.model import precision_of
 from truestand.calibration.refine import Refined
@@ -55,7 +56,7 @@ def covariance_of_uneven_form(fit: Refined, uneven: Array) -> Array:
     gradient = np.zeros((size, patterns.shape[1]))
     gradient[: jacobian.shape[1]] = jacobian.T @ (solution.weights[:, None] * patterns)
     moved = solve(solution.information + np.diag(precision_of(fit.priors, size)), gradient)
-    return np.asarray(moved @ moved.T)
+    return np.asarray(moved @ moved.T) * robust_correction(fit.cells, solution) ** 2
 
 
 def _axis_patterns(fit: Refined, uneven: Array) -> Iterator[Array]:
