@@ -140,6 +140,18 @@ def test_the_same_flanks_from_below_lay_the_scans_onto_each_other():
     assert by_offset(inspection) < by_offset(alone) / 3
 
 
+@pytest.mark.more
+@pytest.mark.parametrize(("chips", "told"), tried([(MARKED.chips, True)], rarely=[((), False)]))
+def test_a_marked_tip_tells_which_tooth_is_which_where_pitches_are_too_even(chips, told):
+    """Flanks that both scans show say how far round; the part was refused, though both showed the mark."""
+    even = replace(RUNNING_OUT, pitch_left=(), pitch_right=(), chips=chips)
+    inspection = found(SPUR, even)
+    assert (not inspection.reasons) == told
+    if told:
+        share, number, worst = inside_u(inspection, true(SPUR, even))
+        assert number == 2 * 24 * 6 + 4 and share > 0.97 and worst < 1.2
+
+
 @pytest.mark.slow
 def test_the_table_turns_a_gear_from_below_the_other_way():
     """An encoder that errs by 10 arc seconds once a turn, of which closure is told by one gear turned over."""

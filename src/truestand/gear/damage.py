@@ -438,11 +438,12 @@ def _missed_too_often(rays: Rays, there: Mask) -> Mask:
     too_often = np.zeros(rays.expected.shape, dtype=bool)
     for window in WINDOWS:
         expected, missed = _sums(rays.expected, window), _sums(rays.missed, window)
+        together = rays.on_end if window[1] is None else min(rays.on_end, window[1])
         sound = there[:, None, None] & (expected > 0)
         for _ in range(PASSES):
             excess = _deviance(missed, expected, _usual(np.where(sound, missed, 0.0), np.where(sound, expected, 0.0)))
             spread = robust_sd(excess[sound]) if sound.any() else 1.0  # losses beside each other go together
-            more = np.asarray(excess > TOO_OFTEN * max(spread, sqrt(rays.on_end)))
+            more = np.asarray(excess > TOO_OFTEN * max(spread, sqrt(together)))
             sound &= ~more
         too_often |= maximum_filter(
             more, [1, 1, *(2 * n if of is None else of for n, of in zip(more.shape[2:], window, strict=True))]

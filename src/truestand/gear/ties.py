@@ -137,14 +137,29 @@ def _tie(clampings: Sequence[Clamping], k: int, at: int, firsts: Sequence[int], 
     others = [*firsts, *(j for j in range(k) if clampings[j].over)] if own.over else []
     if own.as_scanned is not None:
         _demand_turned_over(first, own.as_scanned)
+    unsure = None
     for j in dict.fromkeys([at, *others]):
         shift = _by_pitches(clampings[j].places, own.places, own.toothing.nominal)
         if shift is not None:
             tie = _as_shifted(clampings[j], own, shift).beyond(ties[j])
-            return replace(tie, teeth=tie.teeth % own.toothing.nominal.gear.teeth)
+            tie = replace(tie, teeth=tie.teeth % own.toothing.nominal.gear.teeth)
+            if tie.sure or not own.over:
+                return tie
+            unsure = unsure or tie
     if not own.over:
         raise WrongDrawing("found too few flanks that are seen in both clampings, need the same flanks in view again")
-    return _by_tips(first, own)
+    tie = _by_tips(first, own)
+    if unsure is None:
+        return tie
+    return _by_tips_and_flanks(first, own, tie) if tie.sure and tie.told else unsure
+
+
+def _by_tips_and_flanks(first: Clamping, own: Clamping, tie: Tie) -> Tie:
+    """How a clamping lies whose flanks are too even to tell it, or too few, and whose tips do: as far round as flanks
+    say that both show.
+    """
+    off, rms, _ = _agreement(np.roll(own.places, -tie.teeth, axis=1) - first.places, own.toothing.nominal)
+    return _as_shifted(first, own, _Shift(tie.teeth, off, rms, True)) if np.isfinite(rms) else tie
 
 
 def _as_shifted(first: Clamping, own: Clamping, shift: _Shift) -> Tie:

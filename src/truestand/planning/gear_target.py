@@ -379,7 +379,7 @@ def _tied(views: Sequence[View], own: Sequence[SeenFlanks], seen: Sequence[Mask]
 
 
 def _typical(lines: Sequence[Characteristic]) -> Characteristic:
-    """The line of several scans that has the middle U: one of few that is read badly by chance is none to expect."""
+    """The line of several scans that has the middle U: one of them may be read badly by chance."""
     return sorted(lines, key=lambda line: np.inf if line.U is None else line.U)[len(lines) // 2]
 
 
