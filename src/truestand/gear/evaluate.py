@@ -245,7 +245,9 @@ def _trace_sampling(evaluator: Evaluator) -> Figures:
     helix = unseen_ends(helix_of(delta, traces), helix_points(nominal), lambda t: helix_line(t, evaluator))
     shared = shared_shape(delta, evaluator.smooth)
     unsampled = profile_unsampled(shared, evaluator.grid, traces)
-    profile_between = profile_bend(delta, shared, evaluator.grid, traces) + np.nan_to_num(np.abs(unsampled)).max(axis=1)
+    by_many = shared_shape(delta, evaluator.smooth, SHARED_BY)
+    bend = profile_bend(delta, by_many, evaluator.grid, traces)
+    profile_between = bend + np.nan_to_num(np.abs(unsampled)).max(axis=1)
     apart, helix_between = _between_profiles(evaluator), helix_bend(delta, traces)
     tips, ends = _profile_ends(evaluator), _helix_ends(evaluator)
     widths: Figures = {
