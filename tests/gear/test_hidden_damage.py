@@ -229,11 +229,14 @@ def test_a_pit_that_returns_nothing_was_not_seen_where_readings_hardly_ever_get_
 
 
 @pytest.mark.slow
-def test_such_pits_on_every_flank_are_not_usual():
-    """At one place of all of them: f_fbeta 0.5 +- 0.6 for 137, on every flank, and the gear conformed."""
+@pytest.mark.parametrize(("radius", "gone"), tried([(0.3, 0.0), (0.5, 0.005)], rarely=[(1.0, 0.02)]))
+def test_such_pits_on_every_flank_are_not_usual(radius, gone):
+    """At one place of all of them: f_fbeta 0.5 +- 0.6 for 137, on every flank, and the gear conformed; and so another
+    outsider's once readings got lost in runs elsewhere.
+    """
     middle = involute(GEAR).measuring_roll
-    pits = tuple((t, f, middle, 15.0, 0.3) for t, f in product(range(1, 25), FLANKS))
-    lines = [c for c in inspected(SOUND, points=640, blind=pits).characteristics if c.tooth]
+    pits = tuple((t, f, middle, 15.0, radius) for t, f in product(range(1, 25), FLANKS))
+    lines = [c for c in inspected(SOUND, points=640, blind=pits, gone=gone).characteristics if c.tooth]
     assert not [(c.name, c.flank, c.tooth) for c in lines if c.name in FORM_LINES and c.verdict == "conforms"]
 
 

@@ -70,6 +70,8 @@ WINDOWS: tuple[tuple[int | None, int | None], ...] = ((3, 9), (5, 17), (2, None)
 """Cells of roll length and height in which missed rays are counted together; None: all."""
 TOO_OFTEN = 5.0
 """Standard deviations by which there are more of them than elsewhere."""
+PLACE, OFTEN_AT_ONE_PLACE = (3, 3), 0.25
+"""Cells about a place, and share of the rays there that all teeth together miss, from which it is one of holes."""
 NEIGHBOURS = (-2, -1, 1, 2)
 """Teeth beside one that say what is usual there."""
 PASSES = 3
@@ -401,7 +403,23 @@ def _unseen(rays: FlankRays, there: Mask) -> tuple[Mask, Array]:
     """
     in_empty_rows, in_runs = rays.inside.in_empty_rows, rays.in_runs.missed
     (first, by_first), (second, by_second) = (_not_seen(told, there) for told in (rays.beside, rays.between))
-    return first | second | in_runs | in_empty_rows, np.maximum.reduce([by_first, by_second, in_empty_rows])
+    alike = _missed_at_one_place(rays.between, there)
+    return (
+        first | second | in_runs | in_empty_rows | alike,
+        np.maximum.reduce([by_first, by_second, in_empty_rows, alike]),
+    )
+
+
+def _missed_at_one_place(rays: Rays, there: Mask) -> Mask:
+    """Cells (2, teeth, roll lengths, heights) at a place where many teeth miss ``rays`` between readings of a profile
+    which they show at other heights of its row: holes at one place of all flanks, however often readings get lost.
+    """
+    pooled = (cells[:, there].sum(axis=1, keepdims=True) for cells in (rays.expected, rays.missed))
+    expected, missed = (PLACE[0] * PLACE[1] * _mean_about(cells) for cells in pooled)
+    share = np.where(expected > 0, missed / np.maximum(expected, 1.0), np.nan)
+    usual = np.clip(np.nan_to_num(nan_median(share, axis=3))[..., None], LEAST_LOST, 1.0 - LEAST_LOST)
+    more = _deviance(missed, expected, usual) > TOO_OFTEN * sqrt(min(rays.on_end, PLACE[1]))
+    return np.asarray(rays.missed & more & (share > OFTEN_AT_ONE_PLACE))
 
 
 def _not_seen(rays: Rays, there: Mask) -> tuple[Mask, Array]:
@@ -459,6 +477,13 @@ def _usual(missed: Array, expected: Array) -> Array:
     of_all = [n.sum(axis=1, keepdims=True) for n in (missed, expected)]
     share = np.maximum(*(lost / np.maximum(of, 1.0) for lost, of in (beside, of_all)))
     return np.asarray(np.clip(share, LEAST_LOST, 1.0 - LEAST_LOST))
+
+
+def _mean_about(cells: Array) -> Array:
+    """Means of cells (2, 1, roll lengths, heights) over those about each place."""
+    from scipy.ndimage import uniform_filter
+
+    return np.asarray(uniform_filter(cells.astype(np.float64), (1, 1, *PLACE), mode="constant"))
 
 
 def _sums(cells: Mask, window: tuple[int | None, int | None]) -> Array:
