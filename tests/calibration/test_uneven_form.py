@@ -41,9 +41,8 @@ def test_a_film_on_both_steps_is_in_u_or_doubted(seed):
     made, found = filmed(seed)
     errors = errors_of(found, made)
     off = {k: abs(e) / found.uncertainty[k].U for k, e in errors.items() if k not in found.not_identifiable}
-    assert (
-        found.reasons or max(off.values()) < 2.0
-    )  # of 60 shafts 36 are doubted; rms is 0.54 to 0.69 of tilt and plane
+    # of 60 shafts 36 are doubted, and 1.97 is the worst of the others
+    assert found.reasons or max(off.values()) < 2.0
     (check,) = (c for c in found.checks if c.name.startswith("form changes along the shaft"))
     assert found.reasons or not check.ok
 

@@ -5,6 +5,7 @@ import pytest
 
 from truestand.gear.column_reading import reading_at
 from truestand.gear.interpolation import interpolation
+from truestand.gear.traces import _bends_of_columns
 
 NOTHING = np.full((2, 3, 8), np.nan)
 """(flanks, heights, roll lengths)."""
@@ -43,3 +44,16 @@ def test_lines_between_values_end_with_them():
     expected[1, 3] = 3.0
     np.testing.assert_allclose(read(np.nan_to_num(values)), expected)
     assert read.inside.tolist()[0] == [False, False, True, True, True, False, False]
+
+
+def test_noise_of_single_columns_is_no_bend_of_a_profile():
+    """Averaged with its sign, it falls by the root of their number; what all of them bend by stays."""
+    columns, rolls = 16, np.linspace(5.0, 12.0, 36)
+    noise = np.random.default_rng(3).standard_normal((columns, rolls.size))
+    at, points = np.broadcast_to(rolls, noise.shape), rolls[1:-1]
+    of_all = _bends_of_columns(noise, at, points, (5.0, 12.0))
+    of_each = np.mean([_bends_of_columns(one[None], at[:1], points, (5.0, 12.0)) for one in noise], axis=0)
+    assert 0.5 < np.mean(of_all) / np.mean(of_each) * np.sqrt(columns) < 1.5
+    step = rolls[1] - rolls[0]
+    bent = _bends_of_columns(noise * 0.0 + np.square(rolls), at, points, (5.0, 12.0))
+    np.testing.assert_allclose(bent, step**2 / 4, rtol=1e-9)  # by which x^2 lies below its chord in the middle

@@ -52,7 +52,7 @@ def _missed_at_one_place(rays: Rays, there: Mask) -> Mask:
     which they show at other heights of its row: holes at one place of all flanks, however often readings get lost.
     """
     pooled = (cells[:, there].sum(axis=1, keepdims=True) for cells in (rays.expected, rays.missed))
-    expected, missed = (PLACE[0] * PLACE[1] * _mean_about(cells) for cells in pooled)
+    expected, missed = (_sums(cells, PLACE) for cells in pooled)
     share = np.where(expected > 0, missed / np.maximum(expected, 1.0), np.nan)
     usual = np.clip(np.nan_to_num(nan_median(share, axis=3))[..., None], LEAST_LOST, 1.0 - LEAST_LOST)
     more = _deviance(missed, expected, usual) > TOO_OFTEN * sqrt(min(rays.on_end, PLACE[1]))
@@ -116,15 +116,10 @@ def _usual(missed: Array, expected: Array) -> Array:
     return np.asarray(np.clip(share, LEAST_LOST, 1.0 - LEAST_LOST))
 
 
-def _mean_about(cells: Array) -> Array:
-    """Means of cells (2, 1, roll lengths, heights) over those about each place."""
-    from scipy.ndimage import uniform_filter
-
-    return np.asarray(uniform_filter(cells.astype(np.float64), (1, 1, *PLACE), mode="constant"))
-
-
-def _sums(cells: Mask, window: tuple[int | None, int | None]) -> Array:
-    """Numbers (2, teeth, roll lengths, heights) of cells in a window about each; None: all of a column or row."""
+def _sums(cells: Mask | Array, window: tuple[int | None, int | None]) -> Array:
+    """Sums (2, teeth, roll lengths, heights) of cells, or of numbers of them, in a window about each; None: all of a
+    column or row.
+    """
     from scipy.ndimage import uniform_filter1d
 
     total = cells.astype(np.float64)
