@@ -45,6 +45,7 @@ def test_another_scan_of_the_same_stand_holds():
         (changed(mounting={"phi": ABOVE + radians(0.05)}), "sensor, radially"),
         (changed(mounting={"standoff": 95.03}), "sensor, radially"),
         (changed(mounting={"plane_offset": 0.30}), "sensor, sideways"),
+        (changed(mounting={"height": -0.97}), "sensor, along the axis"),
         (changed(running={"eccentricity": 0.92}), "shaft on the table"),
         (changed(running={"eccentricity_direction": 0.75}), "shaft on the table"),
         (changed(running={"tilt": 0.003}), "shaft on the table"),
@@ -55,6 +56,34 @@ def test_what_moved_is_named(named, what):
     assert found.verdict == "does_not_hold"
     assert what in {c.name for c in found.changes if c.verdict == "does_not_hold"}
     assert any(what in reason and "calibrate again" in reason for reason in found.reasons)
+
+
+@pytest.mark.parametrize("eccentricity", [0.88, 0.02])
+def test_a_height_that_an_edge_tells_is_as_good_as_its_readings_lie_on_the_edge(eccentricity):
+    """The sensor looks from below, where the face is hidden: readings lie 0.15 mm apart, and the shaft's eccentricity
+    moves them over the edge, or doesn't. A rough edge says nothing of a sensor that has not moved.
+    """
+    below = {"phi": radians(-41.802)}
+    stand = changed(mounting=below, running={"eccentricity": eccentricity})
+    known = calibrate(scan(stand, 0), shaft())
+    assert "height" in known.not_identifiable and known.height_repeats is not None
+    assert 0.002 < known.height_repeats < 0.045
+    for up in (0.0, 0.07, 0.15, 0.3):
+        now = changed(mounting={**below, "height": -1.0 + up}, running={"eccentricity": eccentricity})
+        found = verify(scan(now, 1), known, shaft())
+        along = [c for c in found.changes if c.code == "sensor_moved_along"]
+        assert len(along) == (up > 0.0)
+        assert all(abs(c.value - up) < 1.5 * c.U for c in along)
+        assert found.verdict == ("does_not_hold" if up else "holds")
+
+
+def test_a_record_from_before_heights_had_a_repeatability_is_held_against_the_new_scans():
+    now = scan(changed(mounting={"height": -0.97}), 1)
+    found = verify(now, replace(old(), height_repeats=None), shaft())
+    along = next(c for c in found.changes if c.code == "sensor_moved_along")
+    assert along.verdict == "does_not_hold" and along.value == pytest.approx(0.03, abs=along.U)
+    hidden = replace(old(), height_repeats=None, not_identifiable=("height",))
+    assert "sensor_moved_along" not in {c.code for c in verify(now, hidden, shaft()).changes}
 
 
 def test_at_the_limit_it_is_undecided():

@@ -40,6 +40,7 @@ By = Literal["calibration", "witness"]
 LIMIT = 0.01
 """mm by which a calibrated point may have moved on the artefact."""
 SENSOR_MOVED = "the sensor has moved or turned in the laser plane: calibrate again"
+HEIGHT_MOVED = "the sensor or the shaft has moved along the axis: calibrate again"
 SHAFT_MOVED = "the shaft was clamped again or has slipped: calibrate again"
 MORE_TURNS, EVERY_VIEW = "scan for more turns", "scan the shaft by every view of the calibration"
 PUBLISHED = Message(
@@ -256,7 +257,37 @@ def _changes(old: Calibration, new: Calibration, artefact: Artefact, limit: floa
     if not {"laser_plane_offset_mm", "laser_plane_tilt_deg"} & {*old.not_identifiable, *new.not_identifiable}:
         advice = "the laser plane has moved or tilted: calibrate again"
         changes.append(_change("sensor_moved_sideways", "sensor, sideways", sideways, advice, limit))
+    along = _along(old, new, artefact, covariance)
+    # An edge may be too rough for the limit: the height that rests on it is known to 0.5 mm only, too.
+    if along is not None and (_shows_face(new) or along[1] < max(limit, along[0])):
+        changes.append(_change("sensor_moved_along", "sensor, along the axis", along, HEIGHT_MOVED, limit))
     return [*changes, _change("shaft_moved", "shaft on the table", shaft, SHAFT_MOVED, limit)]
+
+
+def _along(old: Calibration, new: Calibration, artefact: Artefact, covariance: Array) -> tuple[float, float] | None:
+    """By how much (mm) the sensor has moved along the shaft, told by the shoulder's face or edge, and its U.
+
+    None where one scan shows the face and the other its edge, or neither; nor can a record from before heights had a
+    repeatability tell an edge from nothing.
+    """
+    if new.height_repeats is None or _shows_face(old) != _shows_face(new):
+        return None
+    if old.height_repeats is None and not _shows_face(old):
+        return None
+    inner, outer = sorted(c.radius for c in artefact.cylinders[:2])
+    radius = (inner + outer) / 2 if _shows_face(new) else outer
+    phi, radial, height, _, _ = sensor_parameters(new.table_from_sensor)
+    x, z = LaserPlane(phi, radial, height).from_uv(np.array(radius), np.array(artefact.shoulder))
+    after, before = (in_table(c.table_from_sensor, x, z)[1] for c in (new, old))
+    lever = np.zeros((1, UNKNOWNS))
+    lever[0, PHI] = radius - radial
+    repeats = hypot(new.height_repeats, new.height_repeats if old.height_repeats is None else old.height_repeats)
+    return abs(float(after - before)), hypot(K * repeats, _expanded(lever, covariance))
+
+
+def _shows_face(calibration: Calibration) -> bool:
+    """Whether its height 0 was told by the shoulder's face."""
+    return "height" not in calibration.not_identifiable
 
 
 def _repeatability(old: Calibration, new: Calibration) -> Array:

@@ -1,12 +1,12 @@
 """Height zero: the shoulder face between the first two cylinders, where the scan shows it; else the nearest edge."""
 
-from dataclasses import replace
-from math import cos, sin
+from dataclasses import dataclass, replace
+from math import cos, hypot, pi, sin, sqrt, tau
 
 import numpy as np
 
 from truestand.calibration.refine import Refined
-from truestand.core.arrays import Array
+from truestand.core.arrays import Array, Ints
 from truestand.core.artefact import Artefact
 from truestand.core.frames import (
     ECCENTRICITY,
@@ -34,6 +34,18 @@ EDGE_REACH_MM = 1.5
 EDGE_REACH_STEPS = 5
 """The same in steps between readings: of few points, the rough place is two or three steps off."""
 LEAST_POINTS = 50
+GROUPS = 16
+"""Of successive profiles, by which a height's scatter is told."""
+GRID_WAVES = 8
+"""Of a sawtooth as long as a step; those beyond add 4 % to its size at most."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Level:
+    """A height above the drawing's shoulder, mm, and how well another scan repeats it: standard, mm."""
+
+    value: float
+    u: float
 
 
 def with_height(scan: Scan, artefact: Artefact, fit: Refined) -> Refined:
@@ -46,10 +58,10 @@ def with_height(scan: Scan, artefact: Artefact, fit: Refined) -> Refined:
         return fit
     radius, height = _in_shaft(scan, fit)
     face = _face(artefact, radius, height) if fit.segments.shoulder_seen else None
-    shift = _edge(artefact, radius, height) if face is None else face
-    if shift is None:
+    level = _edge(artefact, radius, height) if face is None else face
+    if level is None:
         return replace(fit, segments=replace(fit.segments, shoulder_seen=False))
-    return _moved(fit, shift, seen=face is not None)
+    return replace(_moved(fit, level.value, seen=face is not None), height_u=level.u)
 
 
 def _in_shaft(scan: Scan, fit: Refined) -> tuple[Array, Array]:
@@ -65,8 +77,8 @@ def _in_shaft(scan: Scan, fit: Refined) -> tuple[Array, Array]:
     return radius, height
 
 
-def _face(artefact: Artefact, radius: Array, height: Array) -> float | None:
-    """Height (mm) above the drawing's shoulder of the readings on its face, clear of its fillet and chamfer.
+def _face(artefact: Artefact, radius: Array, height: Array) -> _Level | None:
+    """Height above the drawing's shoulder of the readings on its face, clear of its fillet and chamfer.
 
     None where there are too few, or where their height changes across the face: that is a fillet, no face.
     """
@@ -81,7 +93,9 @@ def _face(artefact: Artefact, radius: Array, height: Array) -> float | None:
     if not inside.any():
         return None
     slope = float(np.median(face[~inside]) - np.median(face[inside]))
-    return _middle(face) if abs(slope) < MOST_FACE_SLOPE_MM else None
+    if abs(slope) >= MOST_FACE_SLOPE_MM:
+        return None
+    return _Level(_middle(face), _scatter(face, np.nonzero(on)[0], len(radius)))
 
 
 def _middle(heights: Array) -> float:
@@ -92,8 +106,17 @@ def _middle(heights: Array) -> float:
     return middle
 
 
-def _edge(artefact: Artefact, radius: Array, height: Array) -> float | None:
-    """Height (mm) above the drawing's shoulder at which the larger cylinder ends; None where that end is not in view.
+def _scatter(heights: Array, row: Ints, profiles: int) -> float:
+    """Standard uncertainty (mm) of the middle of heights (n,) read in profiles ``row`` (n,): by how much groups of
+    successive profiles differ, the face's own waves among them.
+    """
+    group = row * GROUPS // profiles
+    middles = [float(np.median(heights[group == g])) for g in np.unique(group)]
+    return float(np.std(middles, ddof=1)) / sqrt(len(middles)) if len(middles) > 1 else FACE_REACH_MM
+
+
+def _edge(artefact: Artefact, radius: Array, height: Array) -> _Level | None:
+    """Height above the drawing's shoulder at which the larger cylinder ends; None where that end is not in view.
 
     Each profile ends with its last reading there; the edge lies on average mean(g^2) / (2 mean(g)) further, g being the
     gaps between readings, lost ones included (the waiting time of renewal theory).
@@ -113,8 +136,21 @@ def _edge(artefact: Artefact, radius: Array, height: Array) -> float | None:
     gaps = np.diff(readings)[same]
     if gaps.size < LEAST_POINTS:
         return None
-    ends = readings[np.append(~same, True)]
-    return outwards * float(ends.mean() + np.mean(gaps**2) / (2 * gaps.mean()))
+    last = np.append(~same, True)
+    ends = readings[last]
+    level = outwards * float(ends.mean() + np.mean(gaps**2) / (2 * gaps.mean()))
+    return _Level(level, hypot(_scatter(ends, row[last], len(radius)), _within_a_step(ends, step)))
+
+
+def _within_a_step(ends: Array, step: float) -> float:
+    """Standard uncertainty (mm) of an edge that lies within a ``step`` (mm) beyond each of the ``ends`` (n,).
+
+    A mean of ends errs as a sawtooth of where the edge lies between readings; where the shaft's eccentricity moves the
+    readings over it by whole steps, its waves (of 1 / k, Fourier) cancel. step / sqrt(12) where nothing moves them.
+    """
+    waves = np.arange(1, GRID_WAVES + 1)
+    left = np.abs(np.exp(1j * tau / step * np.outer(waves, ends)).mean(axis=1)) / waves
+    return step / (pi * sqrt(2.0)) * float(np.linalg.norm(left))
 
 
 def _moved(fit: Refined, shift: float, seen: bool) -> Refined:

@@ -73,6 +73,8 @@ class Refined:
     """Share of the profiles in which all surfaces left their waves at once."""
     overlap: float | None = None
     """mm rms by which repeated turns differ; None without a second turn."""
+    height_u: float | None = None
+    """mm, standard: how well another scan repeats height 0; None where no face or edge tells it."""
 
     @property
     def plane(self) -> LaserPlane:

@@ -105,6 +105,7 @@ def calibration_with(scan: Scan, artefact: Artefact, fit: Refined, parts: dict[s
         covariance_names=GEOMETRY[:UNKNOWNS],
         covariance=np.asarray(sum(geometry.values())),
         repeatability=geometry["noise"],
+        height_repeats=fit.height_u,
         not_identifiable=_not_identifiable(scan, fit, budget),
         checks=checks,
         reasons=reasons_of(fit.segments, checks, scan.angle_zero),

@@ -88,9 +88,9 @@ class Segments:
     confidence: float
     """Probability 0..1 that this is the right explanation and not the next best one."""
     reasons: tuple[Message, ...]
+    """Why it is not to be trusted; empty where it is."""
     open_height: float = 0.0
     """mm by which the shaft may stand higher or lower and explain the view almost as well."""
-    """Why it is not to be trusted; empty where it is."""
 
     @property
     def longest(self) -> int:

@@ -270,6 +270,8 @@ class Calibration:
     """mm and rad, of the unknowns named."""
     repeatability: Array = field(default_factory=lambda: np.zeros((0, 0)))
     """The part of ``covariance`` that a second scan of the same artefact does not share: noise only."""
+    height_repeats: float | None = None
+    """mm, standard: how well a second scan gives the same height 0; None where neither face nor edge tells it."""
     not_identifiable: tuple[str, ...] = ()
     checks: tuple[Check, ...] = ()
     reasons: tuple[Message, ...] = ()

@@ -163,6 +163,7 @@ def _measured(c: Calibration) -> Record:
             "names": list(c.covariance_names),
             "matrix": c.covariance.tolist(),
             "repeatability": c.repeatability.tolist(),
+            "height_repeats_um": None if c.height_repeats is None else UM * c.height_repeats,
         },
         "not_identifiable": list(c.not_identifiable),
         "checks": [
@@ -308,6 +309,7 @@ def _read_joint(joint: Any) -> JointCovariance | None:
 def _read_measured(record: Record) -> dict[str, Any]:
     """What ``_measured`` wrote, by the fields of a calibration."""
     covariance = record.get("covariance") or {}
+    repeats = covariance.get("height_repeats_um")
     return {
         "residuals": _read_residuals(record.get("residuals")),
         "harmonics": tuple(_read_harmonic(h) for h in record.get("harmonics", [])),
@@ -319,6 +321,7 @@ def _read_measured(record: Record) -> dict[str, Any]:
         "covariance_names": tuple(covariance.get("names", ())),
         "covariance": _matrix(covariance.get("matrix")),
         "repeatability": _matrix(covariance.get("repeatability")),
+        "height_repeats": None if repeats is None else repeats / UM,
         "not_identifiable": tuple(record.get("not_identifiable", ())),
         "checks": tuple(
             Check(c.get("code", NO_CODE), c["name"], c["value"], c["limit"], c["ok"], c["advice"])
