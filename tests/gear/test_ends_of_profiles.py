@@ -8,7 +8,8 @@ from truestand.gear.ends import _ends_of_profiles
 from truestand.gear.flanks import COLUMNS, FlankPoints, Flanks, Toothing
 from truestand.gear.geometry import involute
 from truestand.gear.grid import Grid, centres_of, height_edges
-from truestand.gear.rays import _between_neighbours, _between_readings
+from truestand.gear.rays import _between_neighbours
+from truestand.gear.runs import between_readings
 
 NOMINAL = involute(SPUR)
 LOW, HIGH = NOMINAL.profile_range
@@ -46,11 +47,9 @@ def test_a_profile_along_the_ranges_end_misses_no_reading():
     """Its noise puts two of three readings below the range, where it is none of the flank's: those were missed."""
     rolls = NOMINAL.control_roll + 0.004 * np.where(np.arange(POINTS) % 3, -1.0, 1.0)
     flanks = flanks_of([(3, 5, rolls, HEIGHTS), (3, 6, np.full(POINTS, LOW + 2.0), HEIGHTS)])
-    shown, missed, in_runs, *_ = _between_readings(
-        flanks, grid_of(flanks), np.ones(POINTS, dtype=bool), (LOW + 0.1, HIGH)
-    )
-    assert not missed.any() and not in_runs.any()
-    assert shown[0, 3].any()
+    found = between_readings(flanks, grid_of(flanks), np.ones(POINTS, dtype=bool), (LOW + 0.1, HIGH))
+    assert not found.missed.any() and not found.in_runs.any()
+    assert found.cells[0, 3].any()
 
 
 @pytest.mark.parametrize(("apart", "moves_on", "told"), [(0.5, 0.0, False), (0.02, 0.0, True), (0.5, 0.31, True)])

@@ -322,7 +322,9 @@ def test_what_no_reading_shows_may_go_on_where_none_was_read(read_between):
     grid = Grid(nominal, none, none, none, none, count, rolls, edges, 0.002)
     not_met = np.zeros(count.shape[2:], dtype=bool)
     not_met[1:4, 5:15] = True
-    found = _damage(_Region(0, 16, not_met, 1, np.zeros(0), 0.002, 0.0, 30.0, unseen=True), grid, 1e-3, 1.0)
+    found = _damage(
+        _Region(0, 16, not_met, 1, np.zeros(0), 0.002, 0.0, 30.0, unseen=True, alone=False), grid, 1e-3, 1.0
+    )
     assert found.heights == pytest.approx((edges[5], edges[15]), abs=1e-3)  # where rays met nothing
     reached = np.flatnonzero(found.cells[1:4].all(axis=0))
     assert (reached[0], reached[-1]) == (0, 29 if read_between else 59)

@@ -5,9 +5,25 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from truestand.gear.rays import BLOCKS_OF_FACE, _longer_than_usual, _usual_length
+from truestand.gear.runs import (
+    BLOCKS_OF_FACE,
+    _beside_each_other,
+    _longer_than_usual,
+    _of_many_profiles,
+    _Runs,
+    _usual_length,
+)
 
-TEETH, RUNS, BLOCKS = 24, 4000, BLOCKS_OF_FACE**2
+TEETH, RUNS, BLOCKS, ROWS, PROFILES = 24, 4000, BLOCKS_OF_FACE**2, 16, 20
+
+
+def runs_of(length, flank, block, profile=None, columns=None, alone=False):
+    number = np.zeros(len(length), dtype=int)
+    return _Runs(
+        np.asarray(length), np.asarray(flank), number if profile is None else np.asarray(profile),
+        np.asarray(block) // BLOCKS_OF_FACE * ROWS // BLOCKS_OF_FACE, np.asarray(block),
+        np.stack([number + 1, number]) if columns is None else columns, (number + alone) > 0,
+    )  # fmt: skip
 
 
 def lost(lengths, share=0.1, seed=1):
@@ -19,9 +35,12 @@ def lost(lengths, share=0.1, seed=1):
     return runs, rng.integers(0, 2 * TEETH, RUNS), rng.integers(0, BLOCKS, RUNS)
 
 
-def long(runs, flank, block):
-    grid = SimpleNamespace(delta=np.zeros((2, TEETH, 1, 1)))
-    return _longer_than_usual(runs, flank, _usual_length(runs, block), grid)
+def usual(length, block, flank=0, alone=False):
+    return _usual_length(runs_of(length, np.broadcast_to(flank, len(length)), block, alone=alone), TEETH)
+
+
+def long(length, flank, block):
+    return _longer_than_usual(runs_of(length, flank, block), usual(length, block), TEETH)
 
 
 @pytest.mark.parametrize("lengths", [[1], np.arange(3, 13), [1] * 9 + [8, 12]], ids=["single", "runs", "both"])
@@ -41,11 +60,50 @@ def test_a_hole_is_longer_at_one_place_of_one_flank_or_all(lengths, on):
 def test_holes_say_nothing_of_how_long_runs_usually_are():
     runs, _, block = lost([1, 2])
     grooved = np.where(block % BLOCKS_OF_FACE == 1, 40, runs)  # along the profile, on every flank
-    assert _usual_length(grooved, block) == pytest.approx(_usual_length(runs, block), rel=0.1)
-    assert _usual_length(np.zeros(RUNS, dtype=int), block) == 1.0
+    assert usual(grooved, block) == pytest.approx(usual(runs, block), rel=0.1)
+    assert usual(np.zeros(RUNS, dtype=int), block) == 1.0
 
 
 def test_each_lost_reading_followed_by_another_one_as_often_makes_runs_of_a_length():
     """(1 + p) / (1 - p): that of the run which a lost reading lies in."""
     gone = np.diff(np.flatnonzero(np.random.default_rng(2).random(400_000) > 0.3)) - 1
-    assert _usual_length(gone, np.arange(gone.size) % BLOCKS) == pytest.approx(1.3 / 0.7, rel=0.02)
+    assert usual(gone, np.arange(gone.size) % BLOCKS) == pytest.approx(1.3 / 0.7, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("flanks", "blocks", "alone", "length"),
+    [
+        (range(5), range(5), True, 8.0),
+        (range(5), range(5), False, 1.0),
+        (range(24), [1, 5, 9, 13] * 6, True, 1.0),  # a groove along the profile, or across it
+        ([3] * 7, range(7), True, 1.0),  # one flank
+    ],
+)
+def test_few_runs_that_one_profile_lacks_alone_are_usual_where_they_are_anywhere(flanks, blocks, alone, length):
+    """Five of them, and 146 lines of a sound gear were undecided."""
+    assert usual(np.full(len(blocks), 8), np.array(blocks), np.array(flanks), alone) == length
+
+
+def test_profiles_beside_each_other_that_lack_the_same_column_of_a_flank_are_counted():
+    flank, column = np.array([0, 0, 0, 0, 0, 1]), np.array([4, 4, 4, 4, 5, 4])
+    profile = np.array([12, 10, 11, 20, 12, 13])
+    assert _beside_each_other(flank, column, profile).tolist() == [3, 3, 3, 1, 1, 1]
+    assert not _beside_each_other(*np.zeros((3, 0), dtype=int)).size
+
+
+@pytest.mark.parametrize(("share", "profiles"), [(0.0005, 3), (0.02, 5)])
+def test_a_hole_is_one_that_more_profiles_beside_each_other_lack_than_chance_makes(share, profiles):
+    """3,600 cells of each flank are passed, one of 88 columns in one of 20 rows by each of two profiles."""
+    rng, columns = np.random.default_rng(3), 88
+    gone = rng.random((2 * TEETH, 2 * PROFILES, columns)) < share
+    gone[7, 10 : 10 + profiles, 40:44] = True
+    flank, profile, column = np.nonzero(gone)
+    row = profile * ROWS // (2 * PROFILES)
+    runs = _Runs(
+        np.full(flank.size, 3), flank, 100 * flank + profile, row, row * BLOCKS_OF_FACE // ROWS * BLOCKS_OF_FACE,
+        np.stack([column, column]), np.zeros(flank.size, dtype=bool),
+    )  # fmt: skip
+    grid = SimpleNamespace(delta=np.zeros((2, TEETH, 1, 1)), rolls=np.zeros(ROWS))
+    told = _of_many_profiles(runs, grid, np.full(ROWS, gone.size / ROWS))
+    hole = (flank == 7) & (column >= 40) & (column < 44) & (profile >= 10) & (profile < 10 + profiles)
+    assert told[hole].all() and not told[(flank != 7)].any()

@@ -84,10 +84,10 @@ def test_a_broken_tooth_is_no_measure_of_what_hides_in_a_gap():
     assert beside and all(c.U < 0.03 and c.verdict == "conforms" for c in beside)
 
 
-def _region(tooth, depth, width, clear=True, resolved=True, hidden=False):
+def _region(tooth, depth, width, clear=True, resolved=True, hidden=False, alone=False):
     return SimpleNamespace(
         tooth=tooth, depth=depth, rolls=(8.8, 8.8 + width), heights=(12.0, 14.0), clear=clear, resolved=resolved,
-        hidden=hidden, on_top=depth is not None and depth < 0, side=0,
+        hidden=hidden, on_top=depth is not None and depth < 0, side=0, alone=alone,
     )  # fmt: skip
 
 
@@ -138,6 +138,15 @@ def test_what_no_reading_shows_on_many_teeth_is_as_deep_as_a_gap_lets_it_be():
     assert _deepest(_of(*pits[:2]), "f_falpha", 1.5) == 0.0  # two by chance
     assert _deepest(_of(*pits), "f_falpha", 0.4) == 0.0  # too wide for the gap
     assert _deepest(_of(*pits, _region(1, 0.06, 0.5)), "f_falpha", 1.5) == 0.06  # that tooth's is known
+
+
+@pytest.mark.parametrize(
+    ("pits", "lost", "depth"), [(0, 5, 0.0), (0, 6, 0.75), (2, 3, 0.0), (3, 0, 0.75), (2, 4, 0.75)]
+)
+def test_what_single_profiles_lack_alone_says_something_of_other_teeth_where_it_is_on_many(pits, lost, depth):
+    """Three such runs on a sound gear, and most of its lines were undecided."""
+    found = (_region(tooth, None, 0.5, clear=False, alone=tooth >= pits) for tooth in range(pits + lost))
+    assert _deepest(_of(*found), "f_falpha", 1.5) == depth
 
 
 @pytest.mark.parametrize(("lacks", "damaged", "doubt"), [(1.8, 2, 0.06), (0.8, 2, 0.0), (1.8, 1, 0.0)])

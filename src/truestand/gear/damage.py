@@ -12,7 +12,6 @@ from math import hypot, sqrt
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from truestand.core.arrays import Array, Mask
 from truestand.core.inspection import CONTRADICTS
@@ -20,7 +19,7 @@ from truestand.core.robust import nan_median, robust_sd
 from truestand.gear.evaluate import Evaluator
 from truestand.gear.flanks import Flanks
 from truestand.gear.geometry import FLANKS, Involute
-from truestand.gear.grid import TRACE_SHARE, Grid, bridge_gaps, cell_of, step_on_flank
+from truestand.gear.grid import TRACE_SHARE, Grid, bridge_gaps, cell_of, number_in, step_on_flank
 from truestand.gear.missed_rays import unseen_cells, with_those_between
 from truestand.gear.rays import FlankRays
 from truestand.gear.seen_flanks import Influence
@@ -96,6 +95,10 @@ class Damage:
     """mm in C, from and to."""
     unread: bool = False
     """Whether the helix goes straight on, without a point, at heights of it."""
+    alone: bool = False
+    """Whether nothing shows it but that single profiles lack readings there, between two that show the flank: a hole
+    that is no wider than two steps of the table, or readings that got lost.
+    """
 
     @property
     def on_top(self) -> bool:
@@ -149,7 +152,7 @@ def damage_of(
     far_off = (smooth.weight.reshape(rest.shape) < FAR_OFF) & np.isfinite(grid.delta) & ~by_few
     found = []
     departs = DEPARTS * hypot(spread, shared)
-    lower, higher = (_number(cell[sign * depth > departs], grid) for sign in (1, -1))
+    lower, higher = (number_in(cell[sign * depth > departs], grid) for sign in (1, -1))
     below, above = (far_off & (rest < 0)) | _departing(lower, grid), (far_off & (rest > 0)) | _departing(higher, grid)
     unseen, missed = unseen_cells(rays, there)
     unusual, not_met = (np.maximum(missed, weight * rays.in_runs.missed) for weight in (IN_ONE_ROW, 1))
@@ -168,6 +171,7 @@ def damage_of(
                     evaluator.noise.ratio(side, tooth, rest[side, tooth], region),
                     float(not_met[side, tooth][region].sum()),
                     float(unusual[side, tooth][region].sum()) >= LEAST_CELLS,
+                    not (region & ~rays.alone.missed[side, tooth]).any(),
                 ), grid, step, radial))  # fmt: skip
     found = [d for d in found if d.depth is None or abs(d.depth) > LEAST_DEPTH]
     found = _beyond_the_budget(found, rest, smooth, influences)
@@ -279,7 +283,9 @@ class _Region:
     not_met: float
     """Weight of the rays that did not meet it,"""
     unseen: bool
-    """and whether they alone would make a region of it."""
+    """whether they alone would make a region of it,"""
+    alone: bool
+    """and whether all of them are of profiles that lack it alone."""
 
 
 def _damage(region: _Region, grid: Grid, step: float, radial: float) -> Damage:
@@ -291,7 +297,8 @@ def _damage(region: _Region, grid: Grid, step: float, radial: float) -> Damage:
     depth = region.sign * float(np.quantile(region.depths, DEPTH_QUANTILE)) if region.depths.size else 0.0
     if not region.depths.size or (abs(depth) <= LEAST_DEPTH and region.unseen):
         may_be = about | may_go_on(about, grid.seen[at])
-        return replace(unseen_region(region.side, region.tooth, may_be, grid), rolls=rolls, heights=heights)
+        unseen = unseen_region(region.side, region.tooth, may_be, grid)
+        return replace(unseen, rolls=rolls, heights=heights, alone=region.alone)
     width, middle = _widest(cells, grid)
     steps = width / float(step_on_flank(grid.nominal, middle, step))
     shadow = depth * _shadow(grid.nominal, middle, radial)
@@ -358,11 +365,6 @@ def _shadow(nominal: Involute, roll: float, radial: float) -> float:
     return sqrt(1.0 - facing**2) / max(facing, 1e-3)
 
 
-def _number(cell: NDArray[np.int64], grid: Grid) -> Array:
-    """How many readings each cell (2, teeth, roll lengths, heights) has, by the cells (n,) of readings."""
-    return np.bincount(cell, minlength=grid.delta.size).reshape(grid.delta.shape).astype(np.float64)
-
-
 def _departing(number: Array, grid: Grid) -> Mask:
     """Cells (2, teeth, roll lengths, heights) of which many a reading departs, by the ``number`` of those that do."""
     return np.asarray(number >= np.maximum(SHARE * grid.count, FEW))
@@ -373,7 +375,7 @@ def _cut(flanks: Flanks, grid: Grid) -> Mask:
     from scipy.ndimage import uniform_filter
 
     at = cell_of(flanks.outside_gate, grid.nominal, grid.rolls.size, grid.edges)
-    outside = _number(at, grid)
+    outside = number_in(at, grid)
     enough = np.maximum(CONFIRMED * grid.usual, FEW)
     together = 15 * uniform_filter(outside, (1, 1, 5, 3), mode="constant")
     cut = (outside >= enough) & (grid.count < enough) & (together > LEAST_OUTSIDE - 0.5)

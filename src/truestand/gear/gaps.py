@@ -11,6 +11,7 @@ from truestand.gear.assess import Assessment
 from truestand.gear.coverage import NARROWEST
 from truestand.gear.damage import Damage
 from truestand.gear.evaluate import MEANS, PROFILE_NAMES
+from truestand.gear.runs import ANYWHERE
 
 NARROW = 2.0
 """Gaps without a reading that damage may be wide, along the trace, to be of a kind that hides in one."""
@@ -19,7 +20,9 @@ STEEPEST = 0.5
 RARELY = 0.05
 """Of the teeth: where damage was found on more of them, none is sound with 95 % where nothing was seen of it."""
 BY_CHANCE = 1
-"""Teeth more, on which readings got lost in such a way that it looks like damage that no reading shows."""
+"""Teeth more, on which readings got lost in such a way that it looks like damage that no reading shows,"""
+ALONE_BY_CHANCE = ANYWHERE - 1
+"""and on which single profiles alone lost some."""
 UM = 1000.0
 
 
@@ -116,11 +119,15 @@ def _often_unseen(a: Assessment, name: str, gap: float) -> bool:
     the traces that a figure reads.
     """
     teeth: set[int] = set()
+    alone: set[int] = set()
     others: set[int] = set()
     for d in a.told:
         first, last = d.rolls if name in PROFILE_NAMES else d.heights
-        (teeth if d.depth is None and last - first <= NARROW * gap else others).add(d.tooth)
-    return len(teeth - others) > RARELY * a.teeth + BY_CHANCE
+        narrow = d.depth is None and last - first <= NARROW * gap
+        (others if not narrow else alone if d.alone else teeth).add(d.tooth)
+    number, with_alone = len(teeth - others), len((teeth | alone) - others)
+    rarely = RARELY * a.teeth
+    return number > rarely + BY_CHANCE or with_alone > rarely + ALONE_BY_CHANCE
 
 
 def _deepest(a: Assessment, name: str, gap: float) -> float:

@@ -161,6 +161,11 @@ def cell_of(points: FlankPoints | Flanks, nominal: Involute, rolls: int, edges: 
     return np.asarray((points.flank.astype(np.int64) * rolls + i) * (edges.size - 1) + j)
 
 
+def number_in(cell: NDArray[np.int64], grid: Grid) -> Array:
+    """How many points each cell (2, teeth, roll lengths, heights) has, by the cell (n,) of each point."""
+    return np.bincount(cell, minlength=grid.count.size).reshape(grid.count.shape).astype(np.float64)
+
+
 def column_of(height: Array, edges: Array) -> NDArray[np.int64]:
     """Which of the cells between ``edges`` each height (n,) mm lies in; the first or the last where it lies beyond."""
     return np.clip(np.searchsorted(edges, height, side="right") - 1, 0, edges.size - 2)

@@ -11,7 +11,7 @@ from math import ceil, floor, log, pi, radians, sqrt, tau
 import numpy as np
 from numpy.typing import NDArray
 
-from truestand.core.arrays import Array, Ints, Mask
+from truestand.core.arrays import Array, Mask
 from truestand.core.assumptions import INCIDENCE_U
 from truestand.core.calibration import Calibration
 from truestand.core.inspection import CONTRADICTS
@@ -22,6 +22,7 @@ from truestand.gear.flanks import Flanks, Toothing
 from truestand.gear.geometry import SIGMA
 from truestand.gear.grid import Grid, bin_index, bridge_gaps, column_of, step_on_flank
 from truestand.gear.levels import level_of
+from truestand.gear.runs import between_readings
 from truestand.gear.views import GearView, part_of
 
 KNOTS = 12
@@ -36,16 +37,6 @@ LEAST_IN_ROW, EMPTY_BY_CHANCE = 15, 1e-3
 """Cells of a flank's row that rays should meet, and probability that they meet none of them, from which it is empty."""
 ROWS_BESIDE, SELDOM = 2, 0.25
 """Rows below and above one, and how much less of it than of them is shown, on all teeth, where it is hidden."""
-USUALLY, LONGER, LEAST_RUN = 0.75, 2.5, 4
-"""Quantile of the longest runs of readings that flanks of a side lack, how many times as long one must be to be none of
-the usual, and by how many readings more.
-"""
-RUN_BY_CHANCE, LEAST_CHANCE_RUN = 0.01, 3
-"""Probability that any run of a side is as long by chance, and readings that such a run has at least."""
-LEAST_SHARE, MOST_SHARE = 1e-3, 0.9
-"""Share of the lost readings of a side after which the next one is lost, too, at least and at most,"""
-BLOCKS_OF_FACE = 4
-"""and how many blocks of the face, along and across it, it is told from."""
 STEPS_OF_INCIDENCE = 20
 """In which it is told how many rays get lost: as many rays in each."""
 LIMIT_SPARE = radians(1.0)
@@ -154,6 +145,8 @@ class FlankRays:
     """where more readings are missing, between others of a profile, than are there,"""
     in_runs: Rays
     """those of them where a profile lacks far more readings on end than is usual,"""
+    alone: Rays
+    """and those of these that it lacks between two which show the flank,"""
     own: Rays
     """where no reading lies in the cell,"""
     inside: Rays
@@ -203,20 +196,20 @@ def rays_on_flanks(grid: Grid, surface: Array, level: Array, flanks: Flanks, vie
     angle = np.sort(table_angle(scan, calibration)[np.isfinite(scan.z).any(axis=1)])
     turned = STANDS_WITHIN / nominal.base_radius
     limits = low + float(step_on_flank(nominal, low, turned)), high
-    between, missed, in_runs, blind, on_end = _between_readings(flanks, grid, scan.live, limits)
+    between = between_readings(flanks, grid, scan.live, limits)
     near_root, better_seen = _by_the_fillet(grid, view)
-    nothing_looks = bridge_gaps(blind, grid, 2 * turned) | _between_neighbours(flanks, grid, scan.live.size)
+    nothing_looks = bridge_gaps(between.blind, grid, 2 * turned) | _between_neighbours(flanks, grid, scan.live.size)
     expected, inside = _expected(angle, met, truly_met, grid, rows, limits, turned) & ~(nothing_looks | better_seen)
     beside = bridge_gaps(grid.seen, grid, 2 * turned)
     too_steep, nearly = _too_steep(facing, grid, scan.stand.sensor, Rays(expected, expected & ~beside, facing))
     expected, inside = expected & ~too_steep, inside & ~too_steep
     untold = too_steep | near_root | (nearly & ~(expected & ~beside))
-    between, missed = between & ~untold, missed & ~untold
-    return FlankRays(
-        Rays(expected, expected & ~beside, facing, on_end), Rays(between, missed, facing, on_end),
-        Rays(between, missed & in_runs, facing, on_end), Rays(expected, expected & ~grid.seen, facing, on_end),
-        Rays(inside, inside & ~grid.seen, facing, on_end),
+    passed, missed = between.cells & ~untold, between.missed & ~untold
+    kinds = (
+        (expected, ~beside), (passed, missed), (passed, missed & between.in_runs), (passed, missed & between.alone),
+        (expected, ~grid.seen), (inside, ~grid.seen),
     )  # fmt: skip
+    return FlankRays(*(Rays(of, of & not_seen, facing, between.on_end) for of, not_seen in kinds))
 
 
 def _too_steep(facing: Array, grid: Grid, sensor: Sensor, rays: Rays) -> tuple[Mask, Mask]:
@@ -290,44 +283,6 @@ def _by_the_fillet(grid: Grid, view: GearView) -> tuple[Mask, Mask]:
     return near, near & view.steeper[:, None, None, None]
 
 
-def _between_readings(
-    flanks: Flanks, grid: Grid, live: Mask, limits: tuple[float, float]
-) -> tuple[Mask, Mask, Mask, Mask, float]:
-    """Cells (2, teeth, roll lengths, heights) between two readings that a profile has on a flank, at roll lengths
-    within ``limits`` (mm): all of them, those of which more readings are missing than there are, and those where
-    unusually many are missing on end; cells that the sensor is blind for; and how many get lost together, usually.
-
-    ``live`` (points,): points of the sensor that see anything in this scan. What the others don't see is not missing.
-    """
-    order, apart = flanks.along_profiles(live.size)
-    flank, number = flanks.flank[order], np.maximum(apart - 1, 0)
-    at = np.repeat(np.arange(number.size), number)
-    share = (1 + np.arange(at.size) - (np.cumsum(number) - number)[at]) / (1 + number[at])
-
-    def between(values: Array) -> Array:
-        return np.asarray((1.0 - share) * values[order[at]] + share * values[order[at + 1]])
-
-    roll = between(flanks.roll)  # that of a profile along the range's end is beyond it, whatever row holds its cell
-    row = bin_index(roll, grid.nominal.control_roll, grid.nominal.tip_roll, grid.rolls.size)
-    column = column_of(between(flanks.height), grid.edges)
-    cell = (flank[at] * grid.rolls.size + row) * grid.heights.size + column
-    after = flanks.index[order[at]] % live.size + np.rint(share * (1 + number[at])).astype(np.int64)
-    of_live, inside = live[after], (roll > limits[0]) & (roll < limits[1])
-    missing, blind = (np.bincount(cell[of], minlength=grid.count.size) for of in (of_live & inside, ~of_live))
-    middle = (flanks.roll[order[1:]] + flanks.roll[order[:-1]]) / 2
-    runs = np.where((middle > limits[0]) & (middle < limits[1]), np.bincount(at[of_live], minlength=number.size), 0)
-    height = (flanks.height[order[1:]] + flanks.height[order[:-1]]) / 2
-    length = _usual_length(runs, _block_of_face(middle, height, grid))
-    long = _longer_than_usual(runs, flank[1:].astype(np.int64), length, grid)
-    spacing = np.abs(np.diff(flanks.height[order])[apart == 1])
-    on_end = 1.0 + (length - 1.0) * min(float(np.median(spacing)) / grid.size[1], 1.0) if spacing.size else 1.0
-    in_runs = np.bincount(cell[long[at]], minlength=grid.count.size)
-    within = ((grid.rolls > limits[0]) & (grid.rolls < limits[1]))[:, None]
-    missing, in_runs, blind = (n.reshape(grid.count.shape) for n in (missing, in_runs, blind))
-    shown = within & (grid.seen | (missing > 0))
-    return shown, within & (missing > grid.count), in_runs > 0, (blind > grid.count) & (missing == 0), on_end
-
-
 def _between_neighbours(flanks: Flanks, grid: Grid, points: int) -> Mask:
     """Cells (2, teeth, roll lengths, heights) that a profile, of so many ``points``, passes between two readings next
     to each other on the sensor's line: where those lie farther apart than cells are high, no ray meets some of them.
@@ -348,39 +303,6 @@ def _between_neighbours(flanks: Flanks, grid: Grid, points: int) -> Mask:
     cells = np.zeros((grid.delta.shape[0] * grid.delta.shape[1], *grid.delta.shape[2:]), dtype=bool)
     cells[flanks.flank[order][pair], row, column] = True
     return cells.reshape(grid.delta.shape)
-
-
-def _longer_than_usual(runs: NDArray[np.int64], flank: Ints, length: float, grid: Grid) -> Mask:
-    """Which of some ``runs`` (n,), each so many readings that a profile lacks on end on its ``flank`` (n,), are longer
-    than chance makes the longest one of a flank: than most flanks have it, and, as most may be damaged alike, than it
-    is where each lost reading is followed by another one as seldom as their usual ``length`` says.
-    """
-    teeth = grid.delta.shape[1]
-    longest = np.zeros(2 * teeth)
-    np.maximum.at(longest, flank, runs)
-    usual = LONGER * np.quantile(longest.reshape(2, teeth), USUALLY, axis=1) + LEAST_RUN
-    side = flank // teeth
-    number = np.bincount(side[runs > 0], minlength=2)
-    share = np.clip((length - 1.0) / (length + 1.0), LEAST_SHARE, MOST_SHARE)
-    by_chance = 1.0 + np.log(RUN_BY_CHANCE / np.maximum(number, 1)) / np.log(share)
-    return np.asarray(runs >= np.minimum(usual, np.maximum(by_chance, LEAST_CHANCE_RUN))[side])
-
-
-def _block_of_face(roll: Array, height: Array, grid: Grid) -> NDArray[np.int64]:
-    """In which block (n,) of the face points at some roll lengths and heights (n,) lie."""
-    row = bin_index(roll, grid.nominal.control_roll, grid.nominal.tip_roll, BLOCKS_OF_FACE)
-    return row * BLOCKS_OF_FACE + bin_index(height, grid.edges[0], grid.edges[-1], BLOCKS_OF_FACE)
-
-
-def _usual_length(runs: NDArray[np.int64], block: Ints) -> float:
-    """The mean length of the run that a lost reading lies in, of ``runs`` (n,) in a ``block`` (n,) of the face each:
-    few long ones among many single ones count. Where a reading that follows a lost one gets lost with a probability p,
-    it is (1 + p) / (1 - p).
-
-    The median of blocks: damage at one place of all flanks, or in a groove along or across them, is in few.
-    """
-    lost, squares = (np.bincount(block, runs**n, minlength=BLOCKS_OF_FACE**2) for n in (1, 2))
-    return float(np.quantile(np.where(lost > 0, squares / np.maximum(lost, 1.0), 1.0), 0.5, method="lower"))
 
 
 def _expected(
