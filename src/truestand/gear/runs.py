@@ -24,6 +24,10 @@ LEAST_SHARE, MOST_SHARE = 1e-3, 0.9
 """Share of the lost readings of a side after which the next one is lost, too, at least and at most,"""
 BLOCKS_OF_FACE = 4
 """and how many blocks of the face, along and across it, it is told from."""
+CELLS_HIGH, OVERLAP = (1, 2, 3, 4, 5, 6), 2.0
+"""Cells from which runs are high that are looked at by themselves; times as often as runs reach a cell, another one
+overlaps them: it may begin above or below.
+"""
 ANYWHERE = 5
 """Teeth and blocks with runs that one profile lacks alone, from which they are anywhere: one place of all flanks, or a
 groove along or across them, is in four blocks at most.
@@ -60,13 +64,13 @@ class _Runs:
     block: Ints
     """Of the face, likewise."""
     columns: Ints
-    """(2, n) first and last of those columns of cells in which the profile has no reading at all."""
+    """(2, n) of cells: those of the readings below and above it."""
     alone: Mask
     """Whether both profiles beside have their readings there."""
 
     def columns_each(self) -> tuple[Ints, Ints]:
-        """The run and the column (m,) of each cell of a profile without a reading."""
-        number = np.where(self.length > 0, np.maximum(self.columns[1] - self.columns[0] + 1, 0), 0)
+        """The run and the column (m,) of each cell that runs reach."""
+        number = np.where(self.length > 0, self.columns[1] - self.columns[0] + 1, 0)
         run = np.repeat(np.arange(number.size), number)
         return run, self.columns[0, run] + np.arange(run.size) - (np.cumsum(number) - number)[run]
 
@@ -144,7 +148,7 @@ def _runs(
         profile=flanks.index[before] // live.size,
         row=row,
         block=row * BLOCKS_OF_FACE // grid.rolls.size * BLOCKS_OF_FACE + across,
-        columns=columns + np.array([[1], [-1]]),
+        columns=columns,
         alone=np.bincount(lacked.run[of_live & ~beside], minlength=before.size) == 0,
     )
 
@@ -196,31 +200,37 @@ def _longer_than_usual(runs: _Runs, usual: float, teeth: int) -> Mask:
 
 
 def _of_many_profiles(runs: _Runs, grid: Grid, passed: Array) -> Mask:
-    """Which runs (n,) so many profiles beside each other have at one place, a cell high or more, as chance does not:
-    where each is followed by another one as seldom as such runs are in that row of cells, or as in most blocks of the
-    face.
+    """Which runs (n,) so many profiles beside each other have overlapping as chance does not, where each is followed by
+    another one as seldom as they are in that row of cells; and which of those that are so many cells high at least.
 
     ``passed`` (roll lengths,): how many cells of a row all profiles pass.
     """
     run, column = runs.columns_each()
-    profiles = _beside_each_other(runs.flank[run], column, runs.profile[run])
-    side, row, block = runs.flank[run] // grid.delta.shape[1], runs.row[run], runs.block[run]
-    of_row = np.bincount(row, minlength=grid.rolls.size) / np.maximum(passed, 1.0)
-    of_block, followed = (np.bincount(b, minlength=BLOCKS_OF_FACE**2) for b in (block, block[profiles > 1]))
-    usually = float(np.quantile(followed / np.maximum(of_block, 1), 0.5, method="lower"))
-    share = np.clip(of_row[row], max(usually, LEAST_SHARE), MOST_SHARE)
-    number = np.bincount(side, minlength=2)[side]
+    side, high = runs.flank // grid.delta.shape[1], np.bincount(run, minlength=runs.length.size)
     told = np.zeros(runs.length.size, dtype=bool)
-    told[run[number * share ** (profiles - 1.0) < RUN_BY_CHANCE]] = True
+    for least in CELLS_HIGH:
+        of = high[run] >= least
+        profiles = _beside_each_other(runs, run[of], column[of])
+        of_row = np.bincount(runs.row[run[of]], minlength=grid.rolls.size) / np.maximum(passed, 1.0)
+        share = np.clip(OVERLAP * of_row[runs.row], LEAST_SHARE, MOST_SHARE)
+        number = np.bincount(side[high >= least], minlength=2)[side]
+        told |= (high >= least) & (number * share ** (profiles - 1.0) < RUN_BY_CHANCE)
     return told
 
 
-def _beside_each_other(flank: Ints, column: Ints, profile: Ints) -> Ints:
-    """How many profiles beside each other, with itself, are in the list for the same column of a flank as each (n,)."""
+def _beside_each_other(runs: _Runs, run: Ints, column: Ints) -> Array:
+    """Over how many profiles beside each other runs (n,) go on, that overlap from one to the next in some ``column``
+    (m,) of a ``run`` (m,).
+    """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    flank, profile, number = runs.flank[run], runs.profile[run], runs.length.size
     order = np.lexsort((profile, column, flank))
-    same = np.logical_and.reduce([np.diff(values[order]) == 0 for values in (flank, column)])
-    begins = np.append(True, ~(same & (np.diff(profile[order]) == 1)))[: order.size]
-    chain = np.cumsum(begins) - 1
-    number = np.empty(order.size, dtype=np.int64)
-    number[order] = np.bincount(chain)[chain] if chain.size else 0
-    return number
+    follows = np.logical_and.reduce([np.diff(v[order]) == step for v, step in ((flank, 0), (column, 0), (profile, 1))])
+    ends = run[order[:-1][follows]], run[order[1:][follows]]
+    _, chain = connected_components(coo_array((np.ones(ends[0].size), ends), (number, number)), directed=False)
+    first, last = np.full(number, np.iinfo(np.int64).max), np.zeros(number, dtype=np.int64)
+    np.minimum.at(first, chain, runs.profile)
+    np.maximum.at(last, chain, runs.profile)
+    return np.asarray((last - first)[chain] + 1.0)
