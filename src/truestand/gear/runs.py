@@ -140,7 +140,7 @@ def _runs(
     length = np.bincount(lacked.run[of_live], minlength=before.size)
     roll, height = ((values[before] + values[after]) / 2 for values in (flanks.roll, flanks.height))
     row, across = _row_of(roll, grid), bin_index(height, grid.edges[0], grid.edges[-1], BLOCKS_OF_FACE)
-    beside = np.isin(lacked.index - live.size, flanks.index) & np.isin(lacked.index + live.size, flanks.index)
+    before_it, after_it = (np.isin(lacked.index + n, flanks.index, kind="table") for n in (-live.size, live.size))
     columns = np.sort(column_of(np.stack([flanks.height[before], flanks.height[after]]), grid.edges), axis=0)
     return _Runs(
         length=np.where(_within(roll, limits), length, 0),
@@ -149,7 +149,7 @@ def _runs(
         row=row,
         block=row * BLOCKS_OF_FACE // grid.rolls.size * BLOCKS_OF_FACE + across,
         columns=columns,
-        alone=np.bincount(lacked.run[of_live & ~beside], minlength=before.size) == 0,
+        alone=np.bincount(lacked.run[of_live & ~(before_it & after_it)], minlength=before.size) == 0,
     )
 
 
