@@ -17,13 +17,9 @@ from truestand.gear.runs import (
 TEETH, RUNS, BLOCKS, ROWS, PROFILES = 24, 4000, BLOCKS_OF_FACE**2, 16, 20
 
 
-def runs_of(length, flank, block, profile=None, columns=None, alone=False):
-    number = np.zeros(len(length), dtype=int)
-    return _Runs(
-        np.asarray(length), np.asarray(flank), number if profile is None else np.asarray(profile),
-        np.asarray(block) // BLOCKS_OF_FACE * ROWS // BLOCKS_OF_FACE, np.asarray(block),
-        np.stack([number + 1, number]) if columns is None else columns, (number + alone) > 0,
-    )  # fmt: skip
+def runs_of(length, flank, block, alone=False):
+    none = np.zeros(len(length), dtype=int)
+    return _Runs(np.asarray(length), np.asarray(flank), none, none, np.asarray(block), none, none + alone > 0)
 
 
 def lost(lengths, share=0.1, seed=1):
@@ -103,7 +99,7 @@ def test_profiles_beside_each_other_whose_runs_overlap_are_counted():
 
 @pytest.mark.parametrize(("share", "profiles"), [(0.0005, 3), (0.02, 6)])
 def test_a_hole_is_one_that_more_profiles_beside_each_other_lack_than_chance_makes(share, profiles):
-    """3,600 cells of each flank are passed, one of 88 columns in one of 20 rows by each of two profiles."""
+    """40 profiles pass 88 columns of each flank."""
     rng, columns = np.random.default_rng(3), 88
     gone = rng.random((2 * TEETH, 2 * PROFILES, columns)) < share
     gone[7, 10 : 10 + profiles, 40:44] = True

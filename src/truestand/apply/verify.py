@@ -274,8 +274,7 @@ def _along(old: Calibration, new: Calibration, artefact: Artefact, covariance: A
         return None
     if old.height_repeats is None and not _shows_face(old):
         return None
-    inner, outer = sorted(c.radius for c in artefact.cylinders[:2])
-    radius = (inner + outer) / 2 if _shows_face(new) else outer
+    radius = new.shoulder_radius
     phi, radial, height, _, _ = sensor_parameters(new.table_from_sensor)
     x, z = LaserPlane(phi, radial, height).from_uv(np.array(radius), np.array(artefact.shoulder))
     after, before = (in_table(c.table_from_sensor, x, z)[1] for c in (new, old))

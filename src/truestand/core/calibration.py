@@ -339,6 +339,13 @@ class Calibration:
         return HEIGHT_HIDDEN_U if "height" in self.not_identifiable else HEIGHT_SEEN_U
 
     @property
+    def shoulder_radius(self) -> float:
+        """mm, where height 0 was told: amid the shoulder's face, or at the edge of it where that is hidden."""
+        assert self.artefact is not None
+        inner, outer = sorted(c.radius for c in self.artefact.cylinders[:2])
+        return outer if "height" in self.not_identifiable else (inner + outer) / 2
+
+    @property
     def whole_stand(self) -> Stand:
         """The stand with the sensors of all views."""
         sensors = tuple(c.stand.sensor for c in self.views)

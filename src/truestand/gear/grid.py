@@ -11,6 +11,7 @@ A cell between two profiles is not hidden, so it counts as seen when its neighbo
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import ceil, pi
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -164,6 +165,12 @@ def cell_of(points: FlankPoints | Flanks, nominal: Involute, rolls: int, edges: 
 def number_in(cell: NDArray[np.int64], grid: Grid) -> Array:
     """How many points each cell (2, teeth, roll lengths, heights) has, by the cell (n,) of each point."""
     return np.bincount(cell, minlength=grid.count.size).reshape(grid.count.shape).astype(np.float64)
+
+
+def each_of(number: NDArray[np.signedinteger[Any]]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Of groups with a ``number`` (n,) of members: the group of each member, and how many of it are before that one."""
+    group = np.repeat(np.arange(number.size), number)
+    return group, np.arange(group.size) - (np.cumsum(number) - number)[group]
 
 
 def column_of(height: Array, edges: Array) -> NDArray[np.int64]:

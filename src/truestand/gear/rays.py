@@ -20,7 +20,7 @@ from truestand.core.stand import Sensor
 from truestand.core.surface import seen_at, sensor_origins, table_angle
 from truestand.gear.flanks import Flanks, Toothing
 from truestand.gear.geometry import SIGMA
-from truestand.gear.grid import Grid, bin_index, bridge_gaps, column_of, step_on_flank
+from truestand.gear.grid import Grid, bin_index, bridge_gaps, column_of, each_of, step_on_flank
 from truestand.gear.levels import level_of
 from truestand.gear.runs import between_readings
 from truestand.gear.views import GearView, part_of
@@ -294,8 +294,8 @@ def _between_neighbours(flanks: Flanks, grid: Grid, points: int) -> Mask:
     beside = beside[spacing[beside] <= MOST_SPACINGS * np.median(spacing[beside])] if beside.size else beside
     ends = np.sort(column_of(np.stack([height[beside], height[beside + 1]]), grid.edges), axis=0)
     number = np.maximum(ends[1] - ends[0] - 1, 0)
-    of = np.repeat(np.arange(number.size), number)
-    column = ends[0, of] + 1 + np.arange(of.size) - (np.cumsum(number) - number)[of]
+    of, before = each_of(number)
+    column = ends[0, of] + 1 + before
     pair = beside[of]
     share = (grid.heights[column] - height[pair]) / (height[pair + 1] - height[pair])
     rolls = (1.0 - share) * roll[pair] + share * roll[pair + 1]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from truestand.core.arrays import Array, Ints, Mask
 from truestand.gear.flanks import Flanks
-from truestand.gear.grid import Grid, bin_index, column_of, number_in
+from truestand.gear.grid import Grid, bin_index, column_of, each_of, number_in
 
 USUALLY, LONGER, LEAST_RUN = 0.75, 2.5, 4
 """Quantile of the longest runs of readings that flanks of a side lack, how many times as long one must be to be none of
@@ -71,8 +71,8 @@ class _Runs:
     def columns_each(self) -> tuple[Ints, Ints]:
         """The run and the column (m,) of each cell that runs reach."""
         number = np.where(self.length > 0, self.columns[1] - self.columns[0] + 1, 0)
-        run = np.repeat(np.arange(number.size), number)
-        return run, self.columns[0, run] + np.arange(run.size) - (np.cumsum(number) - number)[run]
+        run, below = each_of(number)
+        return run, self.columns[0, run] + below
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,8 +122,8 @@ def between_readings(flanks: Flanks, grid: Grid, live: Mask, limits: tuple[float
 def _lacked(flanks: Flanks, before: Ints, after: Ints) -> _Lacked:
     """The readings that profiles lack between those ``before`` and ``after`` each run, evenly spread."""
     number = flanks.index[after] - flanks.index[before] - 1
-    run = np.repeat(np.arange(number.size), number)
-    behind = 1 + np.arange(run.size) - (np.cumsum(number) - number)[run]
+    run, lacked_before = each_of(number)
+    behind = 1 + lacked_before
     share = behind / (1 + number[run])
     roll, height = (
         (1.0 - share) * values[before[run]] + share * values[after[run]] for values in (flanks.roll, flanks.height)

@@ -108,9 +108,7 @@ def _taken_up(calibration: Calibration, error: Callable[[Array], Array]) -> Arra
     (turned, _), (read, _) = _moves(calibration, base.radius, seen[base.name], error)
     off[RADIAL] = -float((read + off[PHI] * turned).mean())
     if len(radii) > 1:
-        inner, outer = sorted(c.radius for c in artefact.cylinders[:2])
-        where = outer if "height" in calibration.not_identifiable else (inner + outer) / 2  # the edge, or the face
-        (_, turned), (_, read) = _moves(calibration, where, np.array([artefact.shoulder]), error)
+        (_, turned), (_, read) = _moves(calibration, calibration.shoulder_radius, np.array([artefact.shoulder]), error)
         off[HEIGHT] = -float((read + off[PHI] * turned).mean())
     return off
 
