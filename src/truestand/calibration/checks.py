@@ -4,6 +4,7 @@ from math import hypot
 
 import numpy as np
 
+from truestand.calibration.edges import LEAST_EDGE_MM, edges_of
 from truestand.calibration.estimate import MOST_STEPS
 from truestand.calibration.model import DRIFT, Readings
 from truestand.calibration.refine import Refined
@@ -86,6 +87,7 @@ def checks_of(
         Check.at_most_um("drift", "drift over the scan, um", drift, MOST_DRIFT_MM,
                          "let sensor and table warm up; check that nothing is loose"),
         _uneven_check(uneven),
+        _edges_check(fit),
         *_angle_checks(scan, fit, shared),
         *_static_checks(scan, artefact, fit, static),
     )  # fmt: skip
@@ -99,6 +101,17 @@ def _uneven_check(uneven: float) -> Check:
         return Check.at_most_um("form_is_dirt", name, uneven, DIRTY_MM, advice)
     advice = "clean the shaft: oil and dirt look like that; it stands in U"
     return Check.at_most_um("form_changes_along_shaft", name, uneven, MOST_UNEVEN_MM, advice)
+
+
+def _edges_check(fit: Refined) -> Check:
+    readings, solution = fit.cells.readings, fit.solution
+    angle = fit.model.angle(solution.parameters, readings.angle)
+    surfaces = [readings.cylinder == k for k in range(len(fit.model.radii))]
+    left = edges_of([(angle[on], fit.cells.weight[on], solution.residuals[on]) for on in surfaces], fit.model.orders)
+    return Check.at_most_um(
+        "surface_edges", "edges on a surface, um", max(edges.largest for edges in left), LEAST_EDGE_MM,
+        "dirt, a flat or a keyway that could not be told from the shaft's form: clean the shaft",
+    )  # fmt: skip
 
 
 def _angle_checks(scan: Scan, fit: Refined, shared: float) -> list[Check]:
@@ -161,6 +174,7 @@ DECISIVE = frozenset(
     {
         "readings_rejected", "profiles_repeated", "residual", "fit_converged", "step_against_drawing",
         "surfaces_off_at_once", "repeated_turns_differ_angle", "form_is_dirt",
+        "surface_edges",
     }
 )  # fmt: skip
 """Codes of the checks whose failure makes a calibration untrusted; the others warn."""

@@ -33,6 +33,11 @@ Seven million readings average to 3 nm. At that scale directions that the scan h
 under a centred shaft) would be read from what nobody modelled: the edges of a keyway, half a micrometre of dirt. With
 this floor the priors decide there. What the scan does see is read with weights a thousand times the priors' own.
 """
+ROUGH_MODEL_U = 5e-3
+"""mm: the same from a start that is far off, with the waves of form not yet known. Read with a tenth of a micrometre of
+noise, all of a surface but a sixth of a turn can be fitted by wrong waves to that tenth, and the sixth, 26 um off,
+would count as not the shaft's.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,10 +177,10 @@ def noise_of(residuals: Array, counts: Array, cylinder: Ints, alike: bool) -> No
 
     From a start that is far off, each cylinder by itself goes astray: the one that happens to be fitted first seems
     true, all misfit of the others counts as their noise, and they have no say any more in where the shaft is. So there
-    they are taken ``alike``: no cell is truer than those of the cylinder that fits worst.
+    they are taken ``alike``: no cell is truer than those of the cylinder that fits worst, or than ROUGH_MODEL_U.
     """
     surfaces = [cylinder == k for k in np.unique(cylinder)]
-    truest = max(MODEL_U, *(robust_sd(residuals[on]) for on in surfaces)) if alike else MODEL_U
+    truest = max(ROUGH_MODEL_U, *(robust_sd(residuals[on]) for on in surfaces)) if alike else MODEL_U
     sd = np.empty(residuals.size)
     for on in surfaces:
         root = np.sqrt(counts[on])

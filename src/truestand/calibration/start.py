@@ -6,9 +6,10 @@ from math import tau
 
 import numpy as np
 
+from truestand.calibration.edges import SECTORS, between_edges, sector_of
 from truestand.calibration.robust_wave import MOST_ORDERS, OUTLIER_SD, Wave, robust_wave
 from truestand.calibration.segment import Segments
-from truestand.core.arrays import Array, Ints, Mask
+from truestand.core.arrays import Array, Mask
 from truestand.core.artefact import Artefact
 from truestand.core.errors import NotEnoughData
 from truestand.core.harmonics import Harmonics, fit_harmonics, fit_harmonics_robustly
@@ -31,8 +32,6 @@ LEAST_REPEATED_TURNS = 1.05
 LEAST_REVOLUTIONS = 0.5
 WHOLE_TURN = 0.95
 """Turns below which only two harmonics of form can be separated from eccentricity."""
-SECTORS = 360
-"""Stretches of the circumference that are trusted or not."""
 OVERLAP_SECTORS = 10
 """That are compared between turns together."""
 LEAST_READINGS = 5
@@ -79,9 +78,11 @@ def rough_stand(scan: Scan, segments: Segments, artefact: Artefact) -> RoughStan
     speed = _find_speed(nominal, traces) if scan.free_speed else 0.0
     angle = nominal + speed * (nominal - scan.angle[0])
     orders = MOST_ORDERS if scan.revolutions >= WHOLE_TURN else 3
+    between = between_edges(angle, traces)
+    traces = np.where(between[:, sector_of(angle)], np.nan, traces)
     seen = np.isfinite(traces)
     waves = tuple(robust_wave(angle[on], trace[on], orders) for on, trace in zip(seen, traces, strict=True))
-    outliers = np.stack([_outlier_sectors(angle[on], wave) for on, wave in zip(seen, waves, strict=True)])
+    outliers = between | np.stack([_outlier_sectors(angle[on], wave) for on, wave in zip(seen, waves, strict=True)])
     off = np.zeros_like(seen)
     off[seen] = np.concatenate([wave.outliers for wave in waves])
     common = float(np.mean(off.all(axis=0))) if len(waves) > 1 else 0.0
@@ -149,11 +150,6 @@ def _axis(segments: Segments, waves: tuple[Wave, ...]) -> tuple[tuple[float, flo
         return (float(np.median(ex)), float(np.median(ey))), (0.0, 0.0)
     (tx, ex0), (ty, ey0) = np.polyfit(middle, ex, 1), np.polyfit(middle, ey, 1)
     return (float(ex0), float(ey0)), (float(tx), float(ty))
-
-
-def sector_of(angle: Array) -> Ints:
-    """Sector (n,) of table angles (n,) rad."""
-    return np.asarray(np.floor(angle * (SECTORS / tau)).astype(np.intp) % SECTORS)
 
 
 def _outlier_sectors(angle: Array, wave: Wave) -> Mask:
