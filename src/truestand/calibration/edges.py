@@ -27,8 +27,9 @@ MOST_OTHER = 0.45
 BESIDE = 2
 """Of these, on either side of an edge, that are compared with each other."""
 EDGE_SD = 6.0
-"""Robust standard deviations beyond which a rise is an edge: of 160 sound surfaces the
-largest was 5.8 (of 0.1 um), 4.0 of those beyond LEAST_EDGE_MM."""
+"""Robust standard deviations beyond which a rise is an edge: of 160 sound surfaces the largest was 5.8 (of 0.1 um), of
+those beyond LEAST_EDGE_MM 4.0.
+"""
 LEAST_EDGE_MM = 0.002
 """mm: smaller ones are never edges."""
 LESSER = 0.5
@@ -56,7 +57,7 @@ class Edges:
         return float(np.abs(self.rise).max(initial=0.0))
 
     def apart_from(self, others: "tuple[Edges, ...]") -> "Edges":
-        """Without those that another surface has as well, as high: the table's angle makes them."""
+        """Without those that another surface has as well, as high: a table's angle that jumps makes such."""
         alone = np.ones(self.sector.size, dtype=np.bool_)
         for other in others:
             beside = (self.sector[:, None] - other.sector + BESIDE) % COUNT <= 2 * BESIDE
@@ -78,14 +79,16 @@ class Edges:
 
 
 def between_edges(angle: Array, traces: Array) -> Mask:
-    """Stretches (bands, SECTORS) in which a surface, by its trace (bands, n) mm over table angle (n,) rad,
-    lies higher or lower than on most of a turn.
+    """Stretches (bands, SECTORS) in which a surface lies higher or lower than on most of a turn.
+
+    ``traces``: (bands, n) mm over table ``angle`` (n,) rad.
     """
     mask = np.zeros((len(traces), SECTORS), dtype=np.bool_)
     for _ in range(MOST_SEARCHES):
         left = np.where(mask[:, sector_of(angle)], np.nan, traces)
         found = edges_of([_uneven(angle, trace) for trace in left], SMOOTH)
-        more = mask | np.stack([edges.cut_out() for edges in found])
+        own = [edges.apart_from((*found[:k], *found[k + 1 :])) for k, edges in enumerate(found)]
+        more = mask | np.stack([edges.cut_out() for edges in own])
         if (more == mask).all() or more.mean(axis=1).max() > MOST_OTHER:
             break
         mask = more
@@ -96,8 +99,7 @@ def edges_of(surfaces: list[tuple[Array, Array, Array]], orders: int) -> tuple[E
     """The edges of each surface: table angle (n,) rad, weight (n,) and what waves of form up to ``orders`` leave of its
     readings (n,) mm.
     """
-    found = [_edges(_around(*surface), orders) for surface in surfaces]
-    return tuple(edges.apart_from((*found[:k], *found[k + 1 :])) for k, edges in enumerate(found))
+    return tuple(_edges(_around(*surface), orders) for surface in surfaces)
 
 
 def sector_of(angle: Array) -> Ints:

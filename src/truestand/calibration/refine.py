@@ -248,7 +248,10 @@ def _with_orders(view: _View, fit: Refined, orders: int) -> Refined:
     priors = priors_for(model, view.scan, view.segments, view.artefact)
     start = carried(fit.model, model, fit.solution.parameters)
     return replace(
-        fit, model=model, priors=priors, solution=gauss_newton(model, fit.cells, start, priors, FIRST_SETTLED)
+        fit,
+        model=model,
+        priors=priors,
+        solution=gauss_newton(model, fit.cells, start, priors, FIRST_SETTLED, alike=True),
     )
 
 
