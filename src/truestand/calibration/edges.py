@@ -86,7 +86,7 @@ def between_edges(angle: Array, traces: Array) -> Mask:
     mask = np.zeros((len(traces), SECTORS), dtype=np.bool_)
     for _ in range(MOST_SEARCHES):
         left = np.where(mask[:, sector_of(angle)], np.nan, traces)
-        found = edges_of([_uneven(angle, trace) for trace in left], SMOOTH)
+        found = edges_of([_left_by_waves(angle, trace) for trace in left], SMOOTH)
         own = [edges.apart_from((*found[:k], *found[k + 1 :])) for k, edges in enumerate(found)]
         more = mask | np.stack([edges.cut_out() for edges in own])
         if (more == mask).all() or more.mean(axis=1).max() > MOST_OTHER:
@@ -107,7 +107,7 @@ def sector_of(angle: Array) -> Ints:
     return np.asarray(np.floor(angle * (SECTORS / tau)).astype(np.intp) % SECTORS)
 
 
-def _uneven(angle: Array, trace: Array) -> tuple[Array, Array, Array]:
+def _left_by_waves(angle: Array, trace: Array) -> tuple[Array, Array, Array]:
     """Angle, weight and what the first waves and steady drift leave of a trace (n,) mm, where it is seen."""
     seen = np.isfinite(trace)
     waves = np.multiply.outer(angle[seen], np.arange(1, SMOOTH + 1))
