@@ -13,8 +13,9 @@ from truestand.apply.transfer import roll
 from truestand.apply.verify import verify
 from truestand.calibration.calibrate import calibrate
 from truestand.calibration.views import calibrate_views
+from truestand.core.calibration import VIEW_UNKNOWNS
 from truestand.core.errors import BadRecipe
-from truestand.core.frames import Pose, about_axis, sensor_parameters, shaft_parameters
+from truestand.core.frames import UNKNOWNS, Pose, about_axis, sensor_parameters, shaft_parameters
 from truestand.core.harmonics import wrap
 from truestand.core.scan import interpret
 from truestand.core.stand import Sensor
@@ -141,6 +142,16 @@ def test_a_step_that_travels_more_makes_no_waves(range_error):
     recording = seen(replace(LEVEL, optics=bent, workpiece=aside), "front", stand).recording
     found = calibrate(interpret(recording, stand, view="front"), SHAFT)
     assert found.status == "valid" and max(h.amplitude for h in found.harmonics) < 0.5e-3
+
+
+def test_what_is_known_of_all_views_holds_what_each_knows_of_itself():
+    """Form that changes along the shaft, and sag beyond slopes, were in a view's own covariance only."""
+    small = calibrated(replace(TWO, running=replace(TWO.running, eccentricity=0.05)))
+    for k, view in enumerate(small.views):
+        own = slice(k * VIEW_UNKNOWNS, k * VIEW_UNKNOWNS + UNKNOWNS)
+        assert np.array_equal(small.joint.matrix[own, own], view.covariance)
+    least, *_, largest = np.linalg.eigvalsh(small.joint.matrix)
+    assert least > -1e-12 * largest
 
 
 @pytest.mark.parametrize("simulation", [CENTRED, OVAL], ids=["round", "oval: two azimuths fit"])

@@ -8,13 +8,16 @@ every wave; what all share is hidden at few waves, where the fit takes it for fo
 first-order autoregressive noise on a white floor (Whittle 1953).
 """
 
+from collections.abc import Callable
+from typing import Protocol, TypeVar
+
 import numpy as np
 
 from truestand.calibration.cells import Cells
-from truestand.calibration.estimate import Solution, solve
+from truestand.calibration.estimate import Quadratic, Solution, solve
 from truestand.calibration.model import MOUNTING, Model, Prior, precision_of
 from truestand.core.arrays import Array, Ints
-from truestand.core.robust import m_estimator_correction, tukey_slopes, tukey_weights
+from truestand.core.robust import m_estimator_correction, tukey_slopes
 
 CORRELATIONS = np.concatenate([[0.0], 1.0 - np.geomspace(0.9, 0.005, 40)])
 """AR(1) coefficients between neighbouring sectors that are tried."""
@@ -30,6 +33,9 @@ MOUNTING_LEFT = 1e-2
 SHARP = 0.05
 """Share of the mounting's variance at which a reading of the plane has taken half of the mounting's say. A sharper one
 would gain next to nothing from it, and be drawn towards zero; no variance grows by more than 1.2 % by that."""
+MOST_WEIGHINGS = 4
+WEIGHED = 1e-6
+"""mm or rad: unknowns that move by less are weighed where they are."""
 
 
 def score_covariance(model: Model, cells: Cells, solution: Solution) -> Array:
@@ -49,7 +55,7 @@ def robust_correction(cells: Cells, solution: Solution) -> float:
     (``m_estimator_correction``): where dirt covers much of a surface, those near its limit pull less the farther off
     they are.
     """
-    robust = tukey_weights(solution.noise.ratio(solution.residuals, cells.weight))
+    robust = solution.noise.trust(solution.residuals, cells.weight)
     of_cells = m_estimator_correction(float(cells.weight @ robust), float(cells.weight @ tukey_slopes(robust)))
     return of_cells * cells.correction
 
@@ -146,13 +152,47 @@ def covariance(information: Array, scores: Array, priors: tuple[Prior, ...]) -> 
     return parts
 
 
-def weigh(
-    parameters: Array, information: Array, scores: Array, priors: tuple[Prior, ...], plane_identifiable: bool
+class Fit(Protocol):
+    """Of one view or of all: the data's cost, the covariance of its score, and what is known beforehand."""
+
+    @property
+    def solution(self) -> Quadratic:
+        """(p,) unknowns."""
+
+    @property
+    def score_covariance(self) -> Array:
+        """(p, p)."""
+
+    @property
+    def priors(self) -> tuple[Prior, ...]:
+        """Of the unknowns."""
+
+
+AnyFit = TypeVar("AnyFit", bound=Fit)
+
+
+def weighed(fit: AnyFit, about: Callable[[Array], AnyFit], plane_identifiable: bool) -> tuple[AnyFit, dict[str, Array]]:
+    """A fit about where the mountings leave it (``_weigh``), and the covariance (p, p) of its unknowns by source.
+
+    ``about``: the same fit with the data's cost about other parameters. Where the scan hardly sees a laser plane that
+    goes far, and the others follow in a curve (sag is quadratic): so it is weighed again from there.
+    """
+    for _ in range(MOST_WEIGHINGS):
+        before = fit.solution.parameters
+        p, parts = _weigh(fit.solution, fit.score_covariance, fit.priors, plane_identifiable)
+        fit = about(p)
+        if np.abs(p - before).max() < WEIGHED:
+            break
+    return fit, parts
+
+
+def _weigh(
+    data: Quadratic, scores: Array, priors: tuple[Prior, ...], plane_identifiable: bool
 ) -> tuple[Array, dict[str, Array]]:
     """Combine what the data read of the laser plane with its mounting prior: Kalman's update of two numbers a view.
 
-    The parameters (p,) and their covariance (p, p) by source; the sum of the parts is the whole. ``information`` and
-    ``scores`` (p, p): of the data.
+    The parameters (p,) and their covariance (p, p) by source; the sum of the parts is the whole. ``scores`` (p, p): of
+    the data.
 
     The fit reads offset d and tilt alpha from how the two steps' first harmonics differ, as if the steps were coaxial.
     What the certificate leaves open on coaxiality makes that reading uncertain, the more so the smaller the
@@ -162,21 +202,21 @@ def weigh(
     The fit was held by that prior at the model's floor, to keep it from running away under a centred shaft; that hold
     is taken off first, so that the prior counts once, against what the reading is really worth.
     """
-    size = parameters.size
+    p, size = data.parameters, data.parameters.size
     mountings = [q for q in priors if q.name == MOUNTING]
     planes = [i for q in mountings for i in q.index]
     others = tuple(q for q in priors if q.name != MOUNTING)
-    held = precision_of(mountings, size)
-    information = information + np.diag(MOUNTING_LEFT * held)
-    normal = information + np.diag(precision_of(others, size))
-    released = parameters + solve(normal, (1.0 - MOUNTING_LEFT) * held * parameters)
+    left, stated = MOUNTING_LEFT * precision_of(mountings, size), precision_of(others, size)
+    information = data.information + np.diag(left)
+    normal = information + np.diag(stated)
+    released = p - solve(normal, data.gradient + (left + stated) * p)
     parts = covariance(information, scores, others)
     reading = np.asarray(sum(parts.values()))[np.ix_(planes, planes)]
     mounting = np.diag([q.u**2 for q in mountings for _ in q.index])
     gain = np.zeros_like(mounting)
     if plane_identifiable:
-        stated = mounting + SHARP * mounting @ np.linalg.solve(reading, mounting)
-        gain = stated @ np.linalg.inv(stated + reading)
+        blunt = mounting + SHARP * mounting @ np.linalg.solve(reading, mounting)
+        gain = blunt @ np.linalg.inv(blunt + reading)
     move = _followers(normal, planes) @ (gain - np.eye(len(planes)))
     transfer = np.eye(size)
     transfer[:, planes] += move

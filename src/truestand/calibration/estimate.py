@@ -2,17 +2,24 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
 from truestand.calibration.cells import Cells
 from truestand.calibration.model import PLANE, Model, Prior, precision_of
-from truestand.core.arrays import Array, Ints
+from truestand.core.arrays import Array
 from truestand.core.frames import UNKNOWNS
 from truestand.core.robust import TUKEY, robust_sd, tukey_cost, tukey_weights
 
 MOST_STEPS = 60
 """Where form and coaxiality are hardly told from the laser plane, the last steps shrink by a tenth each."""
+MOST_ROUNDS = 12
+"""Fits with the outliers that the one before leaves."""
+SAME_TRUST = 0.02
+"""By which the trust in any cell may change from one round to the next."""
+TOLD_AGAIN = 3
+"""Linear fits by which the data alone tell their outliers."""
 MOST_HALVINGS_A_STEP, MOST_HALVINGS = 10, 30
 """Of one step and of all: a fit that must halve its steps that often is on its way to nowhere."""
 SLACK = 1e-5
@@ -41,14 +48,24 @@ would count as not the shaft's.
 
 
 @dataclass(frozen=True, slots=True)
-class Solution:
-    """An estimate (p,) and the data's quadratic cost about it: all that later steps need of the cells."""
+class Quadratic:
+    """The data's half cost about some parameters (p,), to second order."""
 
     parameters: Array
     gradient: Array
-    """(p,): of the data's half cost; zero but for what the priors hold against."""
+    """(p,): zero at an estimate but for what the priors hold against."""
     information: Array
     """(p, p): normal matrix of the data alone."""
+
+    def moved(self, p: Array) -> Self:
+        """The same cost about other parameters (p,)."""
+        return replace(self, parameters=p, gradient=self.gradient + self.information @ (p - self.parameters))
+
+
+@dataclass(frozen=True, slots=True)
+class Solution(Quadratic):
+    """An estimate with all that later steps need of the cells."""
+
     residuals: Array
     """(n,) mm, one a cell."""
     weights: Array
@@ -70,11 +87,42 @@ def gauss_newton(
 ) -> Solution:
     """Fit the model to the cells from ``start`` until no unknown of the geometry moves by more than ``settled``.
 
-    The data's weight follows from its own residuals (robustly), so that priors and data are on one scale. ``alike``:
-    whether all cylinders are as noisy as the one that fits worst (``noise_of``).
+    The data's weight follows from its own residuals (robustly), so that priors and data are on one scale. Which cells
+    are outliers the data alone say, and it is held while the fit goes on (``_told_by_data``). From a start that is far
+    off nothing is told yet: there outliers are told anew at each step, and all cylinders are taken to be as noisy as the
+    one that fits worst (``alike``).
     """
     precision = precision_of(priors, model.size)
-    at = _linearised(model, cells, start, alike)
+    if alike:
+        return _settled(model, cells, start, precision, settled)
+    noise = _told_by_data(model, cells, start, precision)
+    found = _settled(model, cells, start, precision, settled, noise)
+    for _ in range(MOST_ROUNDS):
+        told = _told_by_data(model, cells, found.parameters, precision)
+        changed = told.trust(found.residuals, cells.weight) - noise.trust(found.residuals, cells.weight)
+        if found.stuck or np.abs(changed).max() < SAME_TRUST:
+            break
+        noise, before = told, found
+        found = _settled(model, cells, before.parameters, precision, settled, noise)
+        found = replace(found, steps=max(before.steps, found.steps))
+    return found
+
+
+def linearised(model: Model, cells: Cells, p: Array, noise: "Noise | None" = None) -> Solution:
+    """The data's cost about the parameters ``p``; the noise as it shows there if it is not given."""
+    residuals, jacobian = model.linearised(p, cells.readings)
+    noise = noise or _floored(_noise_of(residuals, cells, alike=True), residuals, cells.weight)
+    weights = noise.weights(residuals, cells.weight)
+    root = np.sqrt(weights)
+    scaled = jacobian * root[:, None]  # times itself: BLAS works out one half only
+    return Solution(p, scaled.T @ (root * residuals), scaled.T @ scaled, residuals, weights, noise)
+
+
+def _settled(
+    model: Model, cells: Cells, start: Array, precision: Array, settled: float, noise: "Noise | None" = None
+) -> Solution:
+    """Gauss-Newton until it settles, gives up or has taken its steps; by noise as each step shows it if not given."""
+    at = linearised(model, cells, start, noise)
     converged = False
     steps = halvings = 0
     while not converged and steps < MOST_STEPS and halvings < MOST_HALVINGS:
@@ -85,19 +133,26 @@ def gauss_newton(
         converged = bool(np.all(np.abs(change[:UNKNOWNS]) < still))
         if not converged:  # a step too small to matter is not worth another pass over all cells
             p, more = _improved(model, cells, at, change, precision)
-            at = _linearised(model, cells, p, alike)
+            at = linearised(model, cells, p, noise)
             halvings += more
     return replace(at, steps=steps, converged=converged, stuck=halvings >= MOST_HALVINGS)
 
 
-def _linearised(model: Model, cells: Cells, p: Array, alike: bool) -> Solution:
-    """The data's cost about some parameters."""
+def _told_by_data(model: Model, cells: Cells, p: Array, precision: Array) -> "Noise":
+    """The noise near the parameters ``p``, and how much each cell is to be trusted, as the data alone show it.
+
+    All data together weigh no more than the model is true, and Tukey's cost of an outlier is bounded: on that scale a
+    plane nearer to where its mounting has it is worth all cells of a surface, sound ones. So the outliers are those of
+    a linear fit in which every reading has its full weight.
+    """
     residuals, jacobian = model.linearised(p, cells.readings)
-    noise = noise_of(residuals, cells.weight, cells.readings.cylinder, alike)
-    weights = noise.weights(residuals, cells.weight)
-    root = np.sqrt(weights)
-    scaled = jacobian * root[:, None]  # times itself: BLAS works out one half only
-    return Solution(p, scaled.T @ (root * residuals), scaled.T @ scaled, residuals, weights, noise)
+    left = residuals
+    for _ in range(TOLD_AGAIN):
+        weighted = jacobian * _noise_of(left, cells, alike=False).weights(left, cells.weight)[:, None]
+        right = weighted.T @ residuals + precision * p
+        left = residuals - jacobian @ solve(weighted.T @ jacobian + np.diag(precision), right)
+    noise = _noise_of(left, cells, alike=False)
+    return _floored(replace(noise, held=noise.trust(left, cells.weight)), left, cells.weight)
 
 
 def _improved(model: Model, cells: Cells, at: Solution, change: Array, precision: Array) -> tuple[Array, int]:
@@ -153,23 +208,33 @@ class Noise:
     sd: Array
     """(n,) mm: of one reading of full weight, as the residuals on the cell's cylinder show it, and so much at least
     that the cell's own is MODEL_U."""
-    share: float
+    share: float = 1.0
+    held: Array | None = None
+    """(n,) 0 to 1, the trust in each cell whatever its residual; None: Tukey's weight of that."""
 
     def ratio(self, residuals: Array, counts: Array) -> Array:
         """Residuals (n,) of cells of so many readings over the limit at which they have no weight."""
         return np.asarray(residuals * np.sqrt(counts) / (TUKEY * self.sd))
 
+    def trust(self, residuals: Array, counts: Array) -> Array:
+        """In each cell (n,), 0 to 1."""
+        return tukey_weights(self.ratio(residuals, counts)) if self.held is None else self.held
+
     def weights(self, residuals: Array, counts: Array) -> Array:
-        """Tukey's weights (n,) in 1/mm2."""
-        return np.asarray(tukey_weights(self.ratio(residuals, counts)) * counts * (self.share / self.sd**2))
+        """Of each cell (n,) in 1/mm2."""
+        return np.asarray(self.trust(residuals, counts) * counts * (self.share / self.sd**2))
 
     def cost(self, residuals: Array, counts: Array, p: Array, precision: Array) -> float:
-        """What Gauss-Newton makes small: Tukey's cost of the cells and the priors' squares."""
-        return self.share * tukey_cost(self.ratio(residuals, counts)) + float(precision @ (p * p))
+        """What Gauss-Newton makes small: the cells' squares, or Tukey's cost of them, and the priors' squares."""
+        if self.held is None:
+            of_cells = self.share * tukey_cost(self.ratio(residuals, counts))
+        else:
+            of_cells = float(self.weights(residuals, counts) @ np.square(residuals))
+        return of_cells + float(precision @ (p * p))
 
 
-def noise_of(residuals: Array, counts: Array, cylinder: Ints, alike: bool) -> Noise:
-    """The noise from the residuals (n,) themselves; all data together weigh no more than the model is true.
+def _noise_of(residuals: Array, cells: Cells, alike: bool) -> Noise:
+    """The noise from the residuals (n,) themselves, each reading with its full weight.
 
     Each cylinder by itself: one that has a wave of form of which the model doesn't know yet would show as outliers
     beside a smooth one, and the wave would never be found. No cell is truer than the model: without noise the least
@@ -179,14 +244,20 @@ def noise_of(residuals: Array, counts: Array, cylinder: Ints, alike: bool) -> No
     true, all misfit of the others counts as their noise, and they have no say any more in where the shaft is. So there
     they are taken ``alike``: no cell is truer than those of the cylinder that fits worst, or than ROUGH_MODEL_U.
     """
+    cylinder = cells.readings.cylinder
     surfaces = [cylinder == k for k in np.unique(cylinder)]
     truest = max(ROUGH_MODEL_U, *(robust_sd(residuals[on]) for on in surfaces)) if alike else MODEL_U
     sd = np.empty(residuals.size)
     for on in surfaces:
-        root = np.sqrt(counts[on])
+        root = np.sqrt(cells.weight[on])
         sd[on] = np.maximum(robust_sd(residuals[on] * root), truest * root)
-    total = float(Noise(sd, 1.0).weights(residuals, counts).sum())
-    return Noise(sd, min(1.0, 1.0 / MODEL_U**2 / max(total, 1e-300)))
+    return Noise(sd)
+
+
+def _floored(noise: Noise, residuals: Array, counts: Array) -> Noise:
+    """The noise with a share by which all data together weigh no more than the model is true."""
+    total = float(noise.weights(residuals, counts).sum())
+    return replace(noise, share=min(1.0, 1.0 / MODEL_U**2 / max(total, 1e-300)))
 
 
 def solve(matrix: Array, right: Array) -> Array:

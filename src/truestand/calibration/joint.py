@@ -22,7 +22,7 @@ from math import hypot, pi, sqrt
 
 import numpy as np
 
-from truestand.calibration.estimate import solve
+from truestand.calibration.estimate import Quadratic, solve
 from truestand.calibration.model import FIXED_U, STRETCH, Prior, precision_of, stretches
 from truestand.calibration.refine import Refined
 from truestand.calibration.result import height_zero_u
@@ -144,16 +144,25 @@ class Joint:
     """All views' unknowns together, (n,)."""
 
     views: tuple[View, ...]
-    parameters: Array
-    information: Array
-    """(n, n): of the data alone."""
+    solution: Quadratic
     score_covariance: Array
     """(n, n): of the data's score."""
     priors: tuple[Prior, ...]
 
+    @property
+    def parameters(self) -> Array:
+        """(n,)."""
+        return self.solution.parameters
+
+    def about(self, q: Array) -> "Joint":
+        """With the parameters ``q`` (n,), and each view's cost about what it sees of them."""
+        views = tuple(replace(view, fit=view.fit.about(view.seen(q)[0])) for view in self.views)
+        data, scores = _data(views, q)
+        return replace(self, views=views, solution=data, score_covariance=scores)
+
     def followers(self, view: View) -> Array:
         """How all unknowns follow a view's own estimate: (n, p)."""
-        normal = self.information + np.diag(precision_of(self.priors, self.parameters.size))
+        normal = self.solution.information + np.diag(precision_of(self.priors, self.parameters.size))
         _, jacobian = view.seen(self.parameters)
         return solve(normal, jacobian.T @ view.fit.solution.information)
 
@@ -165,12 +174,12 @@ def together(fits: tuple[Refined, ...], sensors: tuple[Sensor, ...]) -> Joint:
     precision = precision_of(priors, size)
     q = _start(views, size)
     for _ in range(MOST_STEPS):
-        information, gradient, scores = _data(views, q)
-        step = -solve(information + np.diag(precision), gradient + precision * q)
+        data, scores = _data(views, q)
+        step = -solve(data.information + np.diag(precision), data.gradient + precision * q)
         q = q + step
         if np.abs(step).max() < SETTLED:
             break
-    return Joint(views, q, information, scores, priors)
+    return Joint(views, data.moved(q), scores, priors)
 
 
 def azimuths_alike(first: Refined, other: Refined) -> bool:
@@ -188,17 +197,17 @@ def _pair(z: complex) -> Array:
     return np.array([z.real, z.imag])
 
 
-def _data(views: tuple[View, ...], q: Array) -> tuple[Array, Array, Array]:
-    """Information (n, n), gradient (n,) and covariance of the score (n, n) of all data about ``q`` (n,)."""
+def _data(views: tuple[View, ...], q: Array) -> tuple[Quadratic, Array]:
+    """The cost of all data about ``q`` (n,), and the covariance of its score (n, n)."""
     information, scores = np.zeros((2, q.size, q.size))
     gradient = np.zeros(q.size)
     for view in views:
         p, jacobian = view.seen(q)
         data = view.fit.solution
         information += jacobian.T @ data.information @ jacobian
-        gradient += jacobian.T @ (data.gradient + data.information @ (p - data.parameters))
+        gradient += jacobian.T @ data.moved(p).gradient
         scores += jacobian.T @ view.fit.score_covariance @ jacobian
-    return information, gradient, scores
+    return Quadratic(q, gradient, information), scores
 
 
 def _laid_out(fits: tuple[Refined, ...], sensors: tuple[Sensor, ...]) -> tuple[tuple[View, ...], int]:

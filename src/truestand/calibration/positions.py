@@ -14,10 +14,11 @@ from math import cos, degrees, hypot, sin, sqrt
 import numpy as np
 
 from truestand.calibration.calibrate import fit_of
+from truestand.calibration.covariance import weighed
 from truestand.calibration.estimate import solve
 from truestand.calibration.model import COAXIALITY, MOUNTING, PLANE, STRETCH, Model, precision_of, stretches_for
 from truestand.calibration.refine import Refined, refine_again
-from truestand.calibration.result import calibration_of
+from truestand.calibration.result import calibration_of, calibration_with, plane_identifiable
 from truestand.calibration.segment import segment
 from truestand.core.arrays import Array, Ints
 from truestand.core.artefact import Artefact
@@ -76,7 +77,9 @@ def calibrate_positions(scans: tuple[Scan, ...], clamped: tuple[float, ...], art
         CLAMPED: _clamping_covariance(fits, joint, clamped),
         MOVED: _moved_covariance(fits, joint, clamped),
     }
-    calibration = calibration_of(scans[-1], artefact, joint, _largest_offset(joint), further)
+    identifiable = plane_identifiable(scans[-1], artefact, joint, _largest_offset(joint))
+    weighed_joint, parts = weighed(joint, lambda q: _about(fits, clamped, q), identifiable)
+    calibration = calibration_with(scans[-1], artefact, weighed_joint, parts | further)
     form, bearing, inseparable, difference = _form_and_bearing(fits, clamped, artefact)
     sha256 = tuple(scan.sha256 for scan in scans)
     positions = Positions(clamped, sha256, _step_axes(joint, artefact), form, bearing, inseparable)
@@ -250,28 +253,47 @@ def together(fits: tuple[Refined, ...], clamped: tuple[float, ...]) -> Refined:
     Its unknowns are the last scan's, then what the others have of their own.
     """
     last = fits[-1]
-    indices = _indices(fits)
-    size = max(int(i.max()) for i in indices) + 1
+    indices, follows = _indices(fits), _follows(fits, clamped)
+    size = follows[0][0].shape[1]
     information, scores, right = np.zeros((size, size)), np.zeros((size, size)), np.zeros(size)
     shared = tuple(replace(q, considered=False) for q in last.priors if q.name in SHARED_PRIORS)
     priors = list(shared)
-    known = _known_axes(last.model, size)
-    for fit, index, turn in zip(fits, indices, clamped, strict=True):
-        transfer = _transfer(fit, last, index, turn - clamped[-1], size)
+    for fit, index, (transfer, offset) in zip(fits, indices, follows, strict=True):
         data = fit.solution
         information += transfer.T @ data.information @ transfer
         scores += transfer.T @ fit.score_covariance @ transfer
-        # The unknowns of its axes and of the last scan's, turned, count from different places.
-        difference = transfer @ known - _known_axes(fit.model, fit.model.size)
-        right += transfer.T @ (data.information @ (data.parameters - difference) - data.gradient)
+        right += transfer.T @ (data.information @ (data.parameters - offset) - data.gradient)
         others = (q for q in fit.priors if q.name not in SHARED_PRIORS)
         priors += [replace(q, index=tuple(int(index[j]) for j in q.index)) for q in others]
-    right -= precision_of(shared, size) * known  # the certificate says coaxial, the unknowns count from elsewhere
+    # The certificate says coaxial, the unknowns count from elsewhere.
+    right -= precision_of(shared, size) * _known_axes(last.model, size)
     p = solve(information + np.diag(precision_of(priors, size)), right)
-    steps, converged = max(f.solution.steps for f in fits), all(f.solution.converged for f in fits)
-    # The data's cost is not looked at again from here on: the gradient stays that of the single fits.
-    solution = replace(last.solution, parameters=p, information=information, steps=steps, converged=converged)
+    solution = replace(
+        last.solution, parameters=p, gradient=information @ p - right, information=information,
+        steps=max(f.solution.steps for f in fits), converged=all(f.solution.converged for f in fits),
+    )  # fmt: skip
     return replace(last, solution=solution, score_covariance=scores, priors=tuple(priors))
+
+
+def _about(fits: tuple[Refined, ...], clamped: tuple[float, ...], q: Array) -> Refined:
+    """As ``together``, but with the unknowns ``q`` (all,), and each scan's cost about what it has of them."""
+    own = [transfer @ q + offset for transfer, offset in _follows(fits, clamped)]
+    joint = together(tuple(fit.about(p) for fit, p in zip(fits, own, strict=True)), clamped)
+    return replace(joint, solution=joint.solution.moved(q))
+
+
+def _follows(fits: tuple[Refined, ...], clamped: tuple[float, ...]) -> list[tuple[Array, Array]]:
+    """How each scan's unknowns follow from all: by a matrix (own, all) and an offset (own,), as its axes and those of
+    the last scan, turned, count from different places.
+    """
+    last, indices = fits[-1], _indices(fits)
+    size = max(int(i.max()) for i in indices) + 1
+    known = _known_axes(last.model, size)
+    follows = []
+    for fit, index, turn in zip(fits, indices, clamped, strict=True):
+        transfer = _transfer(fit, last, index, turn - clamped[-1], size)
+        follows.append((transfer, transfer @ known - _known_axes(fit.model, fit.model.size)))
+    return follows
 
 
 def _turned(turn: float, lever: float) -> Array:

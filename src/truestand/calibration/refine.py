@@ -7,7 +7,7 @@ import numpy as np
 
 from truestand.calibration.cells import Cells, robust_cells
 from truestand.calibration.covariance import covariance, score_covariance
-from truestand.calibration.estimate import SETTLED, Solution, gauss_newton, solve
+from truestand.calibration.estimate import SETTLED, Solution, gauss_newton, linearised, solve
 from truestand.calibration.model import (
     DRIFT,
     SPEED,
@@ -87,13 +87,20 @@ class Refined:
         """Of the unknowns (p, p), by source."""
         return covariance(self.solution.information, self.score_covariance, self.priors)
 
+    def about(self, p: Array) -> "Refined":
+        """The fit with the parameters ``p`` and the data's cost about them; noise and outliers stay as they are."""
+        s = self.solution
+        there = linearised(self.model, self.cells, p, s.noise)
+        there = replace(there, steps=s.steps, converged=s.converged, stuck=s.stuck)
+        # Of a plane that is hardly seen, the score of elsewhere would not vanish where the data say nothing.
+        return replace(self, solution=there, score_covariance=score_covariance(self.model, self.cells, there))
+
     def held_by(self, priors: tuple[Prior, ...]) -> "Refined":
         """The fit under other priors: one linear step from the data's own cost."""
         s = self.solution
         normal = s.information + np.diag(precision_of(priors, self.model.size))
         p = solve(normal, s.information @ s.parameters - s.gradient)
-        gradient = s.gradient + s.information @ (p - s.parameters)
-        return replace(self, priors=priors, solution=replace(s, parameters=p, gradient=gradient))
+        return replace(self, priors=priors, solution=s.moved(p))
 
 
 @dataclass(frozen=True, slots=True)

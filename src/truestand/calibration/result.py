@@ -1,14 +1,14 @@
 """From a fit to a calibration: poses, uncertainties, what could not be identified, checks in plain words."""
 
-from dataclasses import replace
 from math import degrees, hypot, sqrt
 
 import numpy as np
 
 from truestand.calibration.checks import NEAR_SURFACE_MM, checks_of, reasons_of
-from truestand.calibration.covariance import weigh
-from truestand.calibration.model import GEOMETRY, SPEED, Readings, stretches
+from truestand.calibration.covariance import weighed
+from truestand.calibration.model import GEOMETRY, MOUNTING, PLANE, SPEED, Readings, stretches
 from truestand.calibration.refine import Refined
+from truestand.calibration.sag import covariance_of_sag
 from truestand.calibration.uneven_form import SOURCE, covariance_of_uneven_form, uneven_form
 from truestand.core.arrays import Array
 from truestand.core.artefact import Artefact
@@ -57,29 +57,20 @@ IDENTIFIABLE = 0.5
 RESIDUAL_PROFILES = 300
 
 
-def calibration_of(
-    scan: Scan,
-    artefact: Artefact,
-    fit: Refined,
-    coaxiality_U: float | None = None,
-    further: dict[str, Array] | None = None,
-) -> Calibration:
-    """The calibration that follows from the exact model's fit: estimate, uncertainties, checks.
-
-    ``coaxiality_U``: mm, of the steps' axes where more than the certificate is known of them.
-    ``further``: covariance (p, p) of the unknowns from other sources, by name.
-    """
-    identifiable = plane_identifiable(scan, artefact, fit, coaxiality_U)
-    solution = fit.solution
-    p, parts = weigh(solution.parameters, solution.information, fit.score_covariance, fit.priors, identifiable)
-    fit = replace(fit, solution=replace(solution, parameters=p))
-    return calibration_with(scan, artefact, fit, parts | (further or {}))
+def calibration_of(scan: Scan, artefact: Artefact, fit: Refined) -> Calibration:
+    """The calibration that follows from the exact model's fit: estimate, uncertainties, checks."""
+    fit, parts = weighed(fit, fit.about, plane_identifiable(scan, artefact, fit))
+    return calibration_with(scan, artefact, fit, parts)
 
 
 def calibration_with(scan: Scan, artefact: Artefact, fit: Refined, parts: dict[str, Array]) -> Calibration:
     """The calibration of a fit whose unknowns have a covariance of these ``parts`` (p, p), by source."""
     p, uneven = fit.solution.parameters, uneven_form(fit)
-    parts = parts | {SOURCE: covariance_of_uneven_form(fit, uneven)}
+    plane = np.asarray(sum(parts.values()))[np.ix_(PLANE, PLANE)]
+    parts = parts | {
+        MOUNTING: parts[MOUNTING] + covariance_of_sag(fit, plane),
+        SOURCE: covariance_of_uneven_form(fit, uneven),
+    }
     geometry = {name: part[:UNKNOWNS, :UNKNOWNS] for name, part in parts.items()}
     static = static_profiles(artefact, fit)
     stated = {q.name: q.u for q in reversed(fit.priors)}

@@ -10,7 +10,7 @@ from math import degrees, hypot, sqrt
 import numpy as np
 
 from truestand.calibration.calibrate import fit_of
-from truestand.calibration.covariance import weigh
+from truestand.calibration.covariance import weighed
 from truestand.calibration.joint import Joint, View, azimuths_alike, together
 from truestand.calibration.model import COAXIALITY
 from truestand.calibration.result import IDENTIFIABLE, calibration_with, plane_identifiable
@@ -49,13 +49,12 @@ def calibrate_views(scans: tuple[Scan, ...], artefact: Artefact) -> Calibration:
     joint = together(fits, tuple(scan.stand.sensor for scan in scans))
     checks = tuple(_same_shaft(view, joint) for view in joint.views)
     plane = plane_identifiable(scans[0], artefact, joint.views[0].fit)
-    parameters, parts = weigh(joint.parameters, joint.information, joint.score_covariance, joint.priors, plane)
-    joint = replace(joint, parameters=parameters)
+    joint, parts = weighed(joint, joint.about, plane)
     views = tuple(
         _with_check(_of_view(scan, artefact, view, joint, parts), check)
         for scan, view, check in zip(scans, joint.views, checks, strict=True)
     )
-    covariance = _joint_covariance(scans, joint, parts)
+    covariance = _joint_covariance(views, joint, parts)
     return replace(views[0], views=views, joint=covariance, checks=_checks(views), reasons=_reasons(views))
 
 
@@ -194,15 +193,18 @@ def _reasons(views: tuple[Calibration, ...]) -> tuple[Message, ...]:
     return tuple(dict.fromkeys(found))
 
 
-def _joint_covariance(scans: tuple[Scan, ...], joint: Joint, parts: Parts) -> JointCovariance:
-    """Of each view's geometry, azimuth and height, all together."""
+def _joint_covariance(views: tuple[Calibration, ...], joint: Joint, parts: Parts) -> JointCovariance:
+    """Of each view's geometry, azimuth and height, all together; what only a view's own covariance knows in its own."""
     rows = np.zeros((len(joint.views), VIEW_UNKNOWNS, joint.parameters.size))
     further = np.zeros((len(joint.views), VIEW_UNKNOWNS))
-    for k, (scan, view) in enumerate(zip(scans, joint.views, strict=True)):
+    for k, (calibration, view) in enumerate(zip(views, joint.views, strict=True)):
         rows[k, :UNKNOWNS] = view.own(joint.parameters)[1][:UNKNOWNS]
         if view.pose is not None:
             rows[k, [UNKNOWNS, UNKNOWNS + 1], list(view.pose)] = 1.0
-            further[k, UNKNOWNS] = sum(_azimuth_variances(scan.angle_zero, view, joint).values())
+            further[k, UNKNOWNS] = sum(_azimuth_variances(calibration.angle_zero, view, joint).values())
     flat = rows.reshape(-1, joint.parameters.size)
     matrix = flat @ np.asarray(sum(parts.values())) @ flat.T + np.diag(further.reshape(-1))
-    return JointCovariance(tuple(scan.view for scan in scans), matrix)
+    for k, calibration in enumerate(views):
+        own = slice(k * VIEW_UNKNOWNS, k * VIEW_UNKNOWNS + UNKNOWNS)
+        matrix[own, own] = calibration.covariance
+    return JointCovariance(tuple(calibration.name for calibration in views), matrix)
