@@ -89,8 +89,8 @@ def gauss_newton(
 
     The data's weight follows from its own residuals (robustly), so that priors and data are on one scale. Which cells
     are outliers the data alone say, and it is held while the fit goes on (``_told_by_data``). From a start that is far
-    off nothing is told yet: there outliers are told anew at each step, and all cylinders are taken to be as noisy as the
-    one that fits worst (``alike``).
+    off nothing is told yet: there outliers are told anew at each step, and all cylinders are taken to be as noisy as
+    the one that fits worst (``alike``).
     """
     precision = precision_of(priors, model.size)
     if alike:
