@@ -95,6 +95,21 @@ class Refined:
         # Of a plane that is hardly seen, the score of elsewhere would not vanish where the data say nothing.
         return replace(self, solution=there, score_covariance=score_covariance(self.model, self.cells, there))
 
+    def following(self, patterns: Array, held: tuple[int, ...] = ()) -> Array:
+        """How far the unknowns (p, k) move for patterns (n, k) mm in the residuals, those ``held`` not at all.
+
+        Several scans fitted together have more unknowns than the model of this one.
+        """
+        s, own = self.solution, self.model.size
+        _, jacobian = self.model.linearised(s.parameters[:own], self.cells.readings)
+        size = s.information.shape[0]
+        gradient, moves = np.zeros((2, size, patterns.shape[1]))
+        gradient[:own] = jacobian.T @ (s.weights[:, None] * patterns)
+        free = np.setdiff1d(np.arange(size), held)
+        normal = s.information + np.diag(precision_of(self.priors, size))
+        moves[free] = solve(normal[np.ix_(free, free)], gradient[free])
+        return np.asarray(moves)
+
     def held_by(self, priors: tuple[Prior, ...]) -> "Refined":
         """The fit under other priors: one linear step from the data's own cost."""
         s = self.solution

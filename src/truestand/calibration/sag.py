@@ -7,8 +7,7 @@ offset times tilt turns phi, their squares move the sensor. That is what second 
 
 import numpy as np
 
-from truestand.calibration.estimate import solve
-from truestand.calibration.model import PLANE, precision_of
+from truestand.calibration.model import PLANE
 from truestand.calibration.refine import Refined
 from truestand.core.arrays import Array
 
@@ -24,16 +23,7 @@ def covariance_of_sag(fit: Refined, plane: Array) -> Array:
     ``plane`` (2, 2): covariance of its offset and tilt, taken to be normal: L (z1, z2) with L L' that covariance. The
     others move by (z1^2 a + 2 z1 z2 b + z2^2 c) / 2.
     """
-    solution = fit.solution
-    _, jacobian = fit.model.linearised(solution.parameters[: fit.model.size], fit.cells.readings)
-    bends = _bends(fit, np.asarray(np.linalg.cholesky(plane + NO_PLANE)))
-    size = solution.information.shape[0]  # several scans fitted together have more unknowns than this one's model
-    others = np.setdiff1d(np.arange(size), PLANE)
-    gradient = np.zeros((size, bends.shape[1]))
-    gradient[: fit.model.size] = jacobian.T @ (solution.weights[:, None] * bends)
-    normal = solution.information + np.diag(precision_of(fit.priors, size))
-    moves = np.zeros_like(gradient)
-    moves[others] = solve(normal[np.ix_(others, others)], gradient[others])
+    moves = fit.following(_bends(fit, np.asarray(np.linalg.cholesky(plane + NO_PLANE))), held=PLANE)
     return np.asarray(moves @ MOMENTS @ moves.T)
 
 

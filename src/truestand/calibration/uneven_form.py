@@ -10,8 +10,6 @@ from collections.abc import Iterator
 import numpy as np
 
 from truestand.calibration.covariance import robust_correction
-from truestand.calibration.estimate import solve
-from truestand.calibration.model import precision_of
 from truestand.calibration.refine import Refined
 from truestand.core.arrays import Array
 
@@ -49,14 +47,8 @@ def covariance_of_uneven_form(fit: Refined, uneven: Array) -> Array:
 
     ``uneven`` (cylinders,): mm, as ``uneven_form``.
     """
-    solution, readings = fit.solution, fit.cells.readings
-    _, jacobian = fit.model.linearised(solution.parameters, readings)
-    size = solution.information.shape[0]  # several scans fitted together have more unknowns than this one's model
-    patterns = np.stack(list(_axis_patterns(fit, uneven)), axis=1)
-    gradient = np.zeros((size, patterns.shape[1]))
-    gradient[: jacobian.shape[1]] = jacobian.T @ (solution.weights[:, None] * patterns)
-    moved = solve(solution.information + np.diag(precision_of(fit.priors, size)), gradient)
-    return np.asarray(moved @ moved.T) * robust_correction(fit.cells, solution) ** 2
+    moved = fit.following(np.stack(list(_axis_patterns(fit, uneven)), axis=1))
+    return np.asarray(moved @ moved.T) * robust_correction(fit.cells, fit.solution) ** 2
 
 
 def _axis_patterns(fit: Refined, uneven: Array) -> Iterator[Array]:
