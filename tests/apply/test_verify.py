@@ -74,7 +74,22 @@ def test_a_height_that_an_edge_tells_is_as_good_as_its_readings_lie_on_the_edge(
         along = [c for c in found.changes if c.code == "sensor_moved_along"]
         assert len(along) == (up > 0.0)
         assert all(abs(c.value - up) < 1.5 * c.U for c in along)
-        assert found.verdict == ("does_not_hold" if up else "holds")
+        assert next(c for c in found.changes if c.name == "sensor, radially").verdict == "holds"
+        assert found.verdict == ("does_not_hold" if up else "holds" if eccentricity > 0.5 else "undecided")
+
+
+@pytest.mark.parametrize("sideways", [0.0, 0.15])
+def test_a_plane_that_the_scans_dont_tell_is_undecided(sideways):
+    """A shaft that runs true looks alike from wherever the plane stands: a sensor moved by 0.15 mm was said to hold."""
+    true = {"eccentricity": 0.02}
+    known = calibrate(scan(changed(running=true), 0), shaft())
+    now = changed(running=true, mounting={"plane_offset": BASE.mounting["plane_offset"] + sideways})
+    found = verify(scan(now, 1), known, shaft())
+    assert "laser_plane_offset_mm" in known.not_identifiable
+    assert found.verdict == "undecided" and [r.code for r in found.reasons] == ["sensor_moved_sideways_undecided"]
+    assert "runs half a millimetre or more off centre" in found.reasons[0]
+    moved = next(c for c in found.changes if c.code == "sensor_moved_sideways")
+    assert moved.U > 0.3 and {c.verdict for c in found.changes if c is not moved} == {"holds"}
 
 
 def test_a_record_from_before_heights_had_a_repeatability_is_held_against_the_new_scans():

@@ -11,7 +11,7 @@ import pytest
 from gears import SPUR, STEEP, WORN, simulation
 from truestand.apply.datum import datum_of
 from truestand.apply.transfer import roll
-from truestand.apply.verify import SENSOR_MOVED, verify_views
+from truestand.apply.verify import NOT_COMPARED, SENSOR_MOVED, VIEWS_TURNED, verify_views
 from truestand.apply.views import roll_views
 from truestand.calibration.views import calibrate_views
 from truestand.core.errors import BadRecipe
@@ -32,15 +32,19 @@ MOUNTING = replace(simulation().mounting, **STEEP)
 REAR = replace(MOUNTING, plane_offset=-0.2, azimuth=AZIMUTH)
 STAND = two_sensors()
 GEAR = VirtualGear(SPUR, WORN)
+LARGEST_SEEN = max(c.radius for c in paper_shaft().cylinders)
 
 
 @cache
-def scans(part=None, columns=("angle",), start_angle=0.0, profiles=1100, off_coaxial=0.0, seed=2):
-    """Both views of the shaft, or of a gear on it; 1.1 turns at 1,000 profiles each. One step ``off_coaxial`` (mm)."""
+def scans(part=None, columns=("angle",), start_angle=0.0, profiles=1100, off_coaxial=0.0, seed=2, turned=0.0):
+    """Both views of the shaft, or of a gear on it; 1.1 turns at 1,000 profiles each. One step ``off_coaxial`` (mm), the
+    second view ``turned`` (rad) about the axis.
+    """
     base = simulation(profiles)
     base = replace(base, workpiece=replace(base.workpiece, misalignments=(Misalignment("bearing", off_coaxial),)))
     acquisition = replace(base.acquisition, columns=columns, start_angle=start_angle)
-    both = replace(base, acquisition=acquisition, views=(("front", MOUNTING), ("rear", REAR)))
+    rear = replace(REAR, azimuth=REAR.azimuth + turned)
+    both = replace(base, acquisition=acquisition, views=(("front", MOUNTING), ("rear", rear)))
     return tuple(
         interpret(
             simulate(STAND.of_view(v), both.seen_from(v), paper_shaft(), seed, None, part).recording, STAND, view=v
@@ -147,6 +151,30 @@ def test_views_are_verified_as_they_were_calibrated():
     assert sideways.value < by_one.value < by_one.U and by_one.U > sideways.U
     near = verify_views(again[:1], known, paper_shaft(), 0.02)
     assert near.verdict == "undecided" and "by every view of the calibration" in str(near.reasons[0])
+
+
+def test_a_view_that_has_turned_about_the_axis_is_told():
+    """Its own scan shows a turn as eccentricity times angle (some um): it was said to hold (an outsider's, 8 mrad)."""
+    known = calibrated()
+    sound, moved = (verify_views(scans(seed=3, turned=turned), known, paper_shaft(), 0.06) for turned in (0.0, 0.008))
+    for found, turned in ((sound, 0.0), (moved, 0.008)):
+        (about,) = (c for c in found.changes if c.code == "sensor_moved_about")
+        assert about.view == "rear" and 0 < about.U < 0.03
+        assert about.value == pytest.approx(turned * LARGEST_SEEN, abs=about.U)
+    assert sound.verdict == "holds" and moved.verdict == "does_not_hold"
+    assert [str(r) for r in moved.reasons] == [f"view 'rear': sensor, about the axis: {VIEWS_TURNED}"]
+
+
+def test_views_that_are_not_compared_about_the_axis_are_undecided():
+    """Two of three: each is judged by its own scan, which shows no turn."""
+    known = calibrated()
+    _, rear = known.views
+    far = Pose(rear.table_from_sensor.rotation, rear.table_from_sensor.translation + np.array([9.0, 0.0, 0.0]))
+    top = replace(rear, stand=two_sensors().of_view("rear"), table_from_sensor=far)
+    top = replace(top, stand=replace(top.stand, sensors=(replace(top.stand.sensor, name="top"),)))
+    found = verify_views(scans(seed=3), replace(known, views=(*known.views, top)), paper_shaft(), 0.06)
+    assert found.by == "calibration" and {c.verdict for c in found.changes} == {"holds"}
+    assert found.verdict == "undecided" and found.reasons == (NOT_COMPARED,)
 
 
 def test_nothing_is_no_part():

@@ -1,7 +1,7 @@
 """Does an old calibration still hold? A new scan of the artefact answers, quantity by quantity."""
 
 from dataclasses import dataclass, replace
-from math import hypot, sqrt
+from math import hypot, pi, sqrt
 from typing import Literal
 
 import numpy as np
@@ -12,7 +12,7 @@ from truestand.apply.views import demand_one_each
 from truestand.apply.witness import Witness, witness
 from truestand.calibration.calibrate import calibrate
 from truestand.calibration.positions import calibrate_on_axes
-from truestand.calibration.views import calibrate_views
+from truestand.calibration.views import AZIMUTH_KEY, calibrate_views
 from truestand.core.arrays import Array
 from truestand.core.artefact import Artefact
 from truestand.core.assumptions import K
@@ -30,6 +30,7 @@ from truestand.core.frames import (
     in_table,
     sensor_parameters,
 )
+from truestand.core.harmonics import wrap
 from truestand.core.message import UNTIED, Message
 from truestand.core.scan import Scan
 from truestand.uncertainty.influence import unknowns_of
@@ -42,7 +43,19 @@ LIMIT = 0.01
 SENSOR_MOVED = "the sensor has moved or turned in the laser plane: calibrate again"
 HEIGHT_MOVED = "the sensor or the shaft has moved along the axis: calibrate again"
 SHAFT_MOVED = "the shaft was clamped again or has slipped: calibrate again"
+PLANE_MOVED = "the laser plane has moved or tilted: calibrate again"
+VIEWS_TURNED = "it and the first view have turned against each other: calibrate again"
 MORE_TURNS, EVERY_VIEW = "scan for more turns", "scan the shaft by every view of the calibration"
+PLANE_UNTOLD = (
+    "the scans don't tell where the laser plane stands: calibrate and verify by a shaft of two diameters that runs "
+    "half a millimetre or more off centre"
+)
+NOT_COMPARED = Message(
+    "azimuths_not_compared",
+    "how the views stand to each other about the axis was not compared: scan the shaft by every view of the "
+    "calibration, from the zero of the angle that it has",
+)
+PLANE_KEYS = {"laser_plane_offset_mm", "laser_plane_tilt_deg"}
 PUBLISHED = Message(
     "published_method", "the old calibration is of the published method, which knows no laser plane or tilt"
 )
@@ -60,6 +73,9 @@ class Change:
     limit: float
     verdict: Verdict
     advice: str
+    """What to do where it has moved,"""
+    remedy: str = MORE_TURNS
+    """and where it is undecided."""
     view: str | None = None
     """Of several views, the one that moved."""
 
@@ -94,13 +110,15 @@ def verify_views(
     if len(found) == 1:
         return found[0]
     named = list(zip((scan.view for scan in scans), found, strict=True))
+    by: By = "calibration" if all(v.by == "calibration" for v in found) else "witness"
+    compared: tuple[Message, ...] = (NOT_COMPARED,) if together is None and by == "calibration" else ()
     return Verification(
-        _worst({v.verdict for v in found}),
+        _worst({v.verdict for v in found} | {"undecided" for _ in compared}),
         tuple(replace(c, name=f"{name}: {c.name}", view=name) for name, v in named for c in v.changes),
-        tuple(r.prefixed(f"view {name!r}: ") for name, v in named for r in v.reasons),
+        (*(r.prefixed(f"view {name!r}: ") for name, v in named for r in v.reasons), *compared),
         None,
         tuple(v.scans[0] for v in found),
-        "calibration" if all(v.by == "calibration" for v in found) else "witness",
+        by,
     )
 
 
@@ -143,10 +161,11 @@ def _verify(
     if new is None:
         raise NotEnoughData(untrusted[0])
     reasons = (*(reason.prefixed("the new scan is untrusted: ") for reason in untrusted), *reasons)
-    covariance, then = _repeatability(old, new), MORE_TURNS
+    covariance, remedy = _repeatability(old, new), MORE_TURNS
     if whole.views and together is None:
-        covariance, then = covariance + _told_together(old, new), EVERY_VIEW
-    return _verification(_changes(old, new, artefact, limit, covariance), reasons, "calibration", scan, new, then)
+        covariance, remedy = covariance + _told_together(old, new), EVERY_VIEW
+    changes = _changes(old, new, artefact, limit, covariance, remedy)
+    return _verification(changes, reasons, "calibration", scan, new)
 
 
 def _is_tied(scan: Scan, old: Calibration, start_stated: bool) -> bool:
@@ -191,19 +210,11 @@ def _shows_artefact(new: Calibration) -> bool:
 
 
 def _verification(
-    changes: list[Change],
-    undecided: tuple[Message, ...],
-    by: By,
-    scan: Scan,
-    new: Calibration | None,
-    then: str = MORE_TURNS,
+    changes: list[Change], undecided: tuple[Message, ...], by: By, scan: Scan, new: Calibration | None
 ) -> Verification:
-    """The worst of the changes; nothing is decided where there are reasons why it is ``undecided``.
-
-    ``then``: what to do where U is too large.
-    """
+    """The worst of the changes; nothing is decided where there are reasons why it is ``undecided``."""
     worst = _worst({c.verdict for c in changes})
-    reasons = tuple(_reason(c, then) for c in changes if c.verdict != "holds")
+    reasons = tuple(_reason(c) for c in changes if c.verdict != "holds")
     if undecided:
         worst, reasons = "undecided", undecided
     return Verification(worst, tuple(changes), reasons, new, (ScanSummary.of(scan),), by)
@@ -213,15 +224,17 @@ def _worst(verdicts: set[Verdict]) -> Verdict:
     return next(v for v in WORST_FIRST if v in verdicts)
 
 
-def _reason(c: Change, then: str) -> Message:
+def _reason(c: Change) -> Message:
     if c.verdict == "undecided":
         found = f"found {1000 * c.value:.2f} um with U {1000 * c.U:.2f} um, limit {1000 * c.limit:.2f} um"
-        text = f"{c.name}: {found}: too near to decide, or not known well enough; {then}"
+        text = f"{c.name}: {found}: too near to decide, or not known well enough; {c.remedy}"
         return Message(f"{c.code}_undecided", text)
     return Message(c.code, f"{c.name}: {c.advice}")
 
 
-def _change(code: str, name: str, move: tuple[float, float], advice: str, limit: float) -> Change:
+def _change(
+    code: str, name: str, move: tuple[float, float], advice: str, limit: float, remedy: str = MORE_TURNS
+) -> Change:
     """The change by a move: its size and U, mm."""
     value, U = move
     verdict: Verdict = "undecided"
@@ -229,7 +242,7 @@ def _change(code: str, name: str, move: tuple[float, float], advice: str, limit:
         verdict = "holds"
     elif value - U > limit:
         verdict = "does_not_hold"
-    return Change(code, name, value, U, limit, verdict, advice)
+    return Change(code, name, value, U, limit, verdict, advice, remedy)
 
 
 def _changes_in_band(band: Witness, direction: bool, limit: float) -> list[Change]:
@@ -242,26 +255,50 @@ def _changes_in_band(band: Witness, direction: bool, limit: float) -> list[Chang
     ]
 
 
-def _changes(old: Calibration, new: Calibration, artefact: Artefact, limit: float, covariance: Array) -> list[Change]:
+def _changes(
+    old: Calibration, new: Calibration, artefact: Artefact, limit: float, covariance: Array, remedy: str
+) -> list[Change]:
     """Everything that could have moved, each at the worst of the artefact's points in view.
 
-    ``covariance`` (8, 8): of the difference of the unknowns where nothing moved.
+    ``covariance`` (8, 8): of the difference of the unknowns where nothing moved; ``remedy``: what makes it smaller.
     """
     points = _seen_points(new, artefact)
     moved = unknowns_of(new)[0] - unknowns_of(old)[0]
+    told = PLANE_KEYS.isdisjoint((*old.not_identifiable, *new.not_identifiable))
+    # What the scans don't tell may have moved as far as the mounting leaves it.
+    of_plane = covariance if told else _both(old.covariance, new.covariance)
     # The largest move counts, with its own U.
     radial = max(_radial_move(old, new, point, covariance) for point in points)
-    sideways = max(_move(_plane_sensitivity(v), moved, covariance) for _, _, v in points)
+    sideways = max(_move(_plane_sensitivity(v), moved, of_plane) for _, _, v in points)
     shaft = max(_move(axis_sensitivity(v), moved, covariance) for _, _, v in points)
-    changes = [_change("sensor_moved_radially", "sensor, radially", radial, SENSOR_MOVED, limit)]
-    if not {"laser_plane_offset_mm", "laser_plane_tilt_deg"} & {*old.not_identifiable, *new.not_identifiable}:
-        advice = "the laser plane has moved or tilted: calibrate again"
-        changes.append(_change("sensor_moved_sideways", "sensor, sideways", sideways, advice, limit))
+    changes = [
+        _change("sensor_moved_radially", "sensor, radially", radial, SENSOR_MOVED, limit, remedy),
+        _change("sensor_moved_sideways", "sensor, sideways", sideways, PLANE_MOVED, limit,
+                remedy if told else PLANE_UNTOLD),
+    ]  # fmt: skip
     along = _along(old, new, artefact, covariance)
     # An edge may be too rough for the limit: the height that rests on it is known to 0.5 mm only, too.
     if along is not None and (_shows_face(new) or along[1] < max(limit, along[0])):
-        changes.append(_change("sensor_moved_along", "sensor, along the axis", along, HEIGHT_MOVED, limit))
-    return [*changes, _change("shaft_moved", "shaft on the table", shaft, SHAFT_MOVED, limit)]
+        changes.append(_change("sensor_moved_along", "sensor, along the axis", along, HEIGHT_MOVED, limit, remedy))
+    about = _about(old, new, artefact)
+    if about is not None:
+        changes.append(_change("sensor_moved_about", "sensor, about the axis", about, VIEWS_TURNED, limit, remedy))
+    return [*changes, _change("shaft_moved", "shaft on the table", shaft, SHAFT_MOVED, limit, remedy)]
+
+
+def _about(old: Calibration, new: Calibration, artefact: Artefact) -> tuple[float, float] | None:
+    """By how much (mm, at the largest radius in view) a view has turned about the axis against the first, and its U.
+
+    None for the first, and for a view that was not calibrated together with the others.
+    """
+    if new.azimuth_repeats is None:
+        return None
+    seen = {profile.surface for profile in new.static_profiles}
+    radius = max(c.radius for c in artefact.cylinders if c.name in seen)
+    before = new.azimuth_repeats if old.azimuth_repeats is None else old.azimuth_repeats
+    told = AZIMUTH_KEY not in (*old.not_identifiable, *new.not_identifiable)
+    U = K * hypot(new.azimuth_repeats, before) if told else pi
+    return radius * abs(wrap(new.azimuth - old.azimuth)), radius * U
 
 
 def _along(old: Calibration, new: Calibration, artefact: Artefact, covariance: Array) -> tuple[float, float] | None:
@@ -291,7 +328,12 @@ def _shows_face(calibration: Calibration) -> bool:
 
 def _repeatability(old: Calibration, new: Calibration) -> Array:
     """Covariance (8, 8) of the difference of two calibrations of the same artefact."""
-    return new.repeatability + (old.repeatability if old.repeatability.size else new.repeatability)
+    return _both(old.repeatability, new.repeatability)
+
+
+def _both(old: Array, new: Array) -> Array:
+    """The sum of two covariances; a record without one has the new scan's."""
+    return new + (old if old.size else new)
 
 
 def _told_together(old: Calibration, new: Calibration) -> Array:

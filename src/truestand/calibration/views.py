@@ -106,6 +106,7 @@ def _of_view(scan: Scan, artefact: Artefact, view: View, joint: Joint, parts: Pa
     hidden = _place_hidden(scan.angle_zero, view, joint, uncertainty[AZIMUTH_KEY].U)
     return replace(
         calibration, azimuth=wrap(azimuth), height=height, uncertainty=calibration.uncertainty | uncertainty,
+        azimuth_repeats=_azimuth_repeats(scan.angle_zero, view, parts),
         not_identifiable=(*calibration.not_identifiable, *hidden),
     )  # fmt: skip
 
@@ -139,8 +140,23 @@ def _azimuth_variances(zero: AngleZero, view: View, joint: Joint) -> dict[str, f
         follows = joint.followers(each)[view.pose[0]]
         bearing += float(np.square(follows[[ECCENTRICITY_X, ECCENTRICITY_Y]]).sum()) * (BEARING_U / K) ** 2
         uneven += float(follows @ covariance_of_uneven_form(each.fit, uneven_form(each.fit)) @ follows)
-    start = {} if zero == "index" else {f"zero of the table angle{ASSUMED}": 2 * (ANGLE_ZERO_U / K) ** 2}
-    return {f"table bearing, once per turn{ASSUMED}": bearing, SOURCE: uneven, **start}
+    return {
+        f"table bearing, once per turn{ASSUMED}": bearing,
+        SOURCE: uneven,
+        f"zero of the table angle{ASSUMED}": _start_variance(zero),
+    }
+
+
+def _azimuth_repeats(zero: AngleZero, view: View, parts: Parts) -> float:
+    """rad, standard: how well second scans of all views give the same azimuth."""
+    assert view.pose is not None
+    azimuth, _ = view.pose
+    return sqrt(parts["noise"][azimuth, azimuth] + _start_variance(zero))
+
+
+def _start_variance(zero: AngleZero) -> float:
+    """Variance (rad2) of an azimuth by where two scans start; each index is the same mark."""
+    return 0.0 if zero == "index" else 2 * (ANGLE_ZERO_U / K) ** 2
 
 
 def _place_hidden(zero: AngleZero, view: View, joint: Joint, azimuth_U: float) -> list[str]:

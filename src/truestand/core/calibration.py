@@ -272,6 +272,8 @@ class Calibration:
     """The part of ``covariance`` that a second scan of the same artefact does not share: noise only."""
     height_repeats: float | None = None
     """mm, standard: how well a second scan gives the same height 0; None where neither face nor edge tells it."""
+    azimuth_repeats: float | None = None
+    """rad, standard: how well second scans by all views give the same ``azimuth``; None for the first or one alone."""
     not_identifiable: tuple[str, ...] = ()
     checks: tuple[Check, ...] = ()
     reasons: tuple[Message, ...] = ()

@@ -164,6 +164,7 @@ def _measured(c: Calibration) -> Record:
             "matrix": c.covariance.tolist(),
             "repeatability": c.repeatability.tolist(),
             "height_repeats_um": None if c.height_repeats is None else UM * c.height_repeats,
+            "azimuth_repeats_deg": None if c.azimuth_repeats is None else math.degrees(c.azimuth_repeats),
         },
         "not_identifiable": list(c.not_identifiable),
         "checks": [
@@ -309,7 +310,7 @@ def _read_joint(joint: Any) -> JointCovariance | None:
 def _read_measured(record: Record) -> dict[str, Any]:
     """What ``_measured`` wrote, by the fields of a calibration."""
     covariance = record.get("covariance") or {}
-    repeats = covariance.get("height_repeats_um")
+    height_repeats, azimuth_repeats = (covariance.get(key) for key in ("height_repeats_um", "azimuth_repeats_deg"))
     return {
         "residuals": _read_residuals(record.get("residuals")),
         "harmonics": tuple(_read_harmonic(h) for h in record.get("harmonics", [])),
@@ -321,7 +322,8 @@ def _read_measured(record: Record) -> dict[str, Any]:
         "covariance_names": tuple(covariance.get("names", ())),
         "covariance": _matrix(covariance.get("matrix")),
         "repeatability": _matrix(covariance.get("repeatability")),
-        "height_repeats": None if repeats is None else repeats / UM,
+        "height_repeats": None if height_repeats is None else height_repeats / UM,
+        "azimuth_repeats": None if azimuth_repeats is None else math.radians(azimuth_repeats),
         "not_identifiable": tuple(record.get("not_identifiable", ())),
         "checks": tuple(
             Check(c.get("code", NO_CODE), c["name"], c["value"], c["limit"], c["ok"], c["advice"])
