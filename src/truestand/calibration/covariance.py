@@ -15,7 +15,7 @@ import numpy as np
 
 from truestand.calibration.cells import Cells
 from truestand.calibration.estimate import Quadratic, Solution, solve
-from truestand.calibration.model import MOUNTING, Model, Prior, precision_of
+from truestand.calibration.model import COAXIALITY, MOUNTING, Model, Prior, precision_of
 from truestand.core.arrays import Array, Ints
 from truestand.core.robust import m_estimator_correction, tukey_slopes
 
@@ -38,9 +38,14 @@ WEIGHED = 1e-6
 """mm or rad: unknowns that move by less are weighed where they are."""
 
 
-def score_covariance(model: Model, cells: Cells, solution: Solution) -> Array:
-    """Covariance (p, p) of the data's score at a solution."""
+def score_covariance(model: Model, cells: Cells, solution: Solution, priors: tuple[Prior, ...]) -> Array:
+    """Covariance (p, p) of the data's score at a solution.
+
+    What the steps' own axes would explain of the residuals is no noise: it stands in U as their coaxiality, and the
+    next scan of the shaft has it as well.
+    """
     residuals, jacobian = model.linearised(solution.parameters, cells.readings)
+    residuals = residuals + jacobian @ _to_own_axes(solution, priors)
     sector = cells.group % cells.groups_per_turn
     means, slopes = _sector_series(residuals, jacobian, solution.weights, sector, cells.bin)
     scores = _correlated(means, slopes, model.orders)
@@ -48,6 +53,12 @@ def score_covariance(model: Model, cells: Cells, solution: Solution) -> Array:
         surface = sector * len(model.radii) + cells.readings.cylinder
         scores = clustered(jacobian * (solution.weights * residuals)[:, None], surface)
     return scores * robust_correction(cells, solution) ** 2
+
+
+def _to_own_axes(data: Quadratic, priors: tuple[Prior, ...]) -> Array:
+    """How far the unknowns (p,) would go if nothing held the steps coaxial."""
+    precision = precision_of(tuple(q for q in priors if q.name != COAXIALITY), data.parameters.size)
+    return -solve(data.information + np.diag(precision), data.gradient + precision * data.parameters)
 
 
 def robust_correction(cells: Cells, solution: Solution) -> float:

@@ -93,7 +93,8 @@ class Refined:
         there = linearised(self.model, self.cells, p, s.noise)
         there = replace(there, steps=s.steps, converged=s.converged, stuck=s.stuck)
         # Of a plane that is hardly seen, the score of elsewhere would not vanish where the data say nothing.
-        return replace(self, solution=there, score_covariance=score_covariance(self.model, self.cells, there))
+        scores = score_covariance(self.model, self.cells, there, self.priors)
+        return replace(self, solution=there, score_covariance=scores)
 
     def following(self, patterns: Array, held: tuple[int, ...] = ()) -> Array:
         """How far the unknowns (p, k) move for patterns (n, k) mm in the residuals, those ``held`` not at all.
@@ -173,7 +174,7 @@ def _narrowed(view: _View, first: Refined) -> Refined:
 
 
 def _with_covariance(fit: Refined) -> Refined:
-    return replace(fit, score_covariance=score_covariance(fit.model, fit.cells, fit.solution))
+    return replace(fit, score_covariance=score_covariance(fit.model, fit.cells, fit.solution, fit.priors))
 
 
 def _steady(fit: Refined) -> Refined:
