@@ -98,7 +98,9 @@ STANDS = {
     "centred": Named(running={"eccentricity": 0.0}, acquisition=ANGLE),
     "speckled": Named(optics={"speckle": 0.005, "correlated_noise": 0.005}),
     "many harmonics": Named(
-        workpiece={"form": tuple(FormWave(s, n, 0.02 / n, 0.3 * n) for s in ("base", "bearing") for n in range(2, 13))},
+        workpiece={
+            "form": tuple(FormWave(s, n, 0.02 / n, float(n * n)) for s in ("base", "bearing") for n in range(2, 13))
+        },
         acquisition=ANGLE,
     ),
 }

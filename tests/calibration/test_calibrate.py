@@ -260,7 +260,7 @@ def test_the_form_comes_out_with_it():
     for n in range(2, 13):
         for surface in ("base", "bearing"):
             assert found[surface, n].amplitude == pytest.approx(0.02 / n, abs=1.5e-4)
-            assert np.angle(np.exp(1j * (found[surface, n].phase - 0.3 * n))) == pytest.approx(0, abs=1.5e-4 * n / 0.02)
+            assert np.angle(np.exp(1j * (found[surface, n].phase - n * n))) == pytest.approx(0, abs=1.5e-4 * n / 0.02)
 
 
 def test_a_centred_shaft_names_what_is_not_identifiable():

@@ -1,10 +1,10 @@
 """Tests of a calibration by its own scan, in plain words, each with what to do when it fails."""
 
-from math import hypot
+from math import degrees, hypot
 
 import numpy as np
 
-from truestand.calibration.edges import LEAST_EDGE_MM, edges_of
+from truestand.calibration.edges import LEAST_EDGE_MM, largest_edge
 from truestand.calibration.estimate import MOST_STEPS
 from truestand.calibration.model import DRIFT, Readings
 from truestand.calibration.refine import Refined
@@ -87,7 +87,7 @@ def checks_of(
         Check.at_most_um("drift", "drift over the scan, um", drift, MOST_DRIFT_MM,
                          "let sensor and table warm up; check that nothing is loose"),
         _uneven_check(uneven),
-        _edges_check(fit),
+        _edges_check(artefact, fit),
         *_angle_checks(scan, fit, shared),
         *_static_checks(scan, artefact, fit, static),
     )  # fmt: skip
@@ -103,15 +103,18 @@ def _uneven_check(uneven: float) -> Check:
     return Check.at_most_um("form_changes_along_shaft", name, uneven, MOST_UNEVEN_MM, advice)
 
 
-def _edges_check(fit: Refined) -> Check:
+def _edges_check(artefact: Artefact, fit: Refined) -> Check:
     readings, solution = fit.cells.readings, fit.solution
     angle = fit.model.angle(solution.parameters, readings.angle)
-    surfaces = [readings.cylinder == k for k in range(len(fit.model.radii))]
-    left = edges_of([(angle[on], fit.cells.weight[on], solution.residuals[on]) for on in surfaces], fit.model.orders)
-    return Check.at_most_um(
-        "surface_edges", "edges on a surface, um", max(edges.largest for edges in left), LEAST_EDGE_MM,
-        "dirt, a flat or a keyway that could not be told from the shaft's form: clean the shaft",
-    )  # fmt: skip
+    edges = []
+    for k, band in enumerate(fit.segments.bands):
+        on = readings.cylinder == k
+        rise, at = largest_edge(angle[on], fit.cells.weight[on], solution.residuals[on], fit.model.orders)
+        edges.append((rise, f"on {artefact.cylinders[band.cylinder].name!r}, at {degrees(at):.0f} deg of the table"))
+    rise, place = max(edges)
+    advice = "dirt, a flat or a keyway that could not be told from the shaft's form: clean the shaft"
+    where = f"{place}: " if rise > LEAST_EDGE_MM else ""
+    return Check.at_most_um("surface_edges", "edges on a surface, um", rise, LEAST_EDGE_MM, where + advice)
 
 
 def _angle_checks(scan: Scan, fit: Refined, shared: float) -> list[Check]:

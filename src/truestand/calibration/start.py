@@ -6,7 +6,8 @@ from math import tau
 
 import numpy as np
 
-from truestand.calibration.edges import SECTORS, between_edges, sector_of
+from truestand.calibration.edges import SECTORS, sector_of
+from truestand.calibration.patches import patches
 from truestand.calibration.robust_wave import MOST_ORDERS, OUTLIER_SD, Wave, robust_wave
 from truestand.calibration.segment import Segments
 from truestand.core.arrays import Array, Mask
@@ -78,11 +79,11 @@ def rough_stand(scan: Scan, segments: Segments, artefact: Artefact) -> RoughStan
     speed = _find_speed(nominal, traces) if scan.free_speed else 0.0
     angle = nominal + speed * (nominal - scan.angle[0])
     orders = MOST_ORDERS if scan.revolutions >= WHOLE_TURN else 3
-    between = between_edges(angle, traces)
-    traces = np.where(between[:, sector_of(angle)], np.nan, traces)
+    covered = patches(angle, traces, tuple(artefact.cylinders[band.cylinder].radius for band in segments.bands))
+    traces = np.where(covered[:, sector_of(angle)], np.nan, traces)
     seen = np.isfinite(traces)
     waves = tuple(robust_wave(angle[on], trace[on], orders) for on, trace in zip(seen, traces, strict=True))
-    outliers = between | np.stack([_outlier_sectors(angle[on], wave) for on, wave in zip(seen, waves, strict=True)])
+    outliers = covered | np.stack([_outlier_sectors(angle[on], wave) for on, wave in zip(seen, waves, strict=True)])
     off = np.zeros_like(seen)
     off[seen] = np.concatenate([wave.outliers for wave in waves])
     common = float(np.mean(off.all(axis=0))) if len(waves) > 1 else 0.0

@@ -66,6 +66,7 @@ class DirtRecipe(Recipe):
     azimuth_deg: float = 0.0
     share: Share
     height_um: float
+    edge_deg: NonNegativeFloat = 0.0
 
 
 class MisalignmentRecipe(Recipe):
@@ -303,7 +304,7 @@ def _workpiece(r: WorkpieceRecipe) -> Workpiece:
         diameter_errors=tuple((d.surface, d.error_um / UM) for d in r.diameter),
         patches=(
             *(Patch(f.surface, radians(f.azimuth_deg), f.share) for f in r.flat),
-            *(Patch(d.surface, radians(d.azimuth_deg), d.share, d.height_um / UM) for d in r.dirt),
+            *(Patch(d.surface, radians(d.azimuth_deg), d.share, d.height_um / UM, radians(d.edge_deg)) for d in r.dirt),
         ),
     )
 

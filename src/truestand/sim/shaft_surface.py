@@ -77,7 +77,8 @@ def _patched(radius: Array, psi: Array, patch: Patch) -> Array:
     off = np.abs(np.angle(np.exp(1j * (psi - patch.azimuth))))
     on = off < np.pi * patch.share
     if patch.height is not None:
-        return np.asarray(radius + patch.height * on)
+        rise = (np.pi * patch.share - off) / patch.soft + 0.5 if patch.soft else on
+        return np.asarray(radius + patch.height * np.clip(rise, 0.0, 1.0))
     chord = radius * np.cos(np.pi * patch.share) / np.maximum(np.cos(off), 0.1)
     return np.where(on, np.minimum(chord, radius), radius)
 

@@ -71,6 +71,8 @@ class Patch:
     share: float
     height: float | None = None
     """mm of dirt on it; None: a milled flat."""
+    soft: float = 0.0
+    """rad over which the edges of dirt rise."""
 
 
 @dataclass(frozen=True, slots=True)
