@@ -30,9 +30,9 @@ FITTED_PER_WAVE = 2
 """Unknowns of each of the slowest waves that the fit takes out: offset and slope over height."""
 MOUNTING_LEFT = 1e-2
 """Share of the mounting prior's precision that stays on, so that a plane that nobody sees has a number at all."""
-SHARP = 0.05
+SHARP = 0.2
 """Share of the mounting's variance at which a reading of the plane has taken half of the mounting's say. A sharper one
-would gain next to nothing from it, and be drawn towards zero; no variance grows by more than 1.2 % by that."""
+would gain next to nothing from it, and be drawn towards zero; no variance grows by more than 4.3 % by that."""
 MOST_WEIGHINGS = 4
 WEIGHED = 1e-6
 """mm or rad: unknowns that move by less are weighed where they are."""
