@@ -10,7 +10,7 @@ from truestand.apply.verify import verify
 from truestand.calibration.calibrate import calibrate
 from truestand.core.artefact import Artefact, Cylinder
 from truestand.core.scan import interpret
-from truestand.sim import FormWave, simulate
+from truestand.sim import FormWave, Misalignment, simulate
 from truth import ABOVE, PLANE, TILTED, Named, shaft
 from variants import tried
 
@@ -76,6 +76,17 @@ def test_a_height_that_an_edge_tells_is_as_good_as_its_readings_lie_on_the_edge(
         assert all(abs(c.value - up) < 1.5 * c.U for c in along)
         assert next(c for c in found.changes if c.name == "sensor, radially").verdict == "holds"
         assert found.verdict == ("does_not_hold" if up else "holds" if eccentricity > 0.5 else "undecided")
+
+
+def test_a_shaft_that_was_clamped_again_moves_no_sensor():
+    """Its steps' axes have turned with it, and no longer cancel: the sensor was said to have moved sideways."""
+    off = {"misalignments": (Misalignment("bearing", 1.5e-3, 0.0),)}
+    known = calibrate(scan(changed(workpiece=off), 0), shaft())
+    turned = changed(workpiece={**off, "clamped": 2.0}, running={"eccentricity_direction": 2.5})
+    found = verify(scan(turned, 1), known, shaft())
+    assert found.verdict == "does_not_hold"
+    assert [c.code for c in found.changes if c.verdict == "does_not_hold"] == ["shaft_moved"]
+    assert all(c.value < c.U for c in found.changes if c.code != "shaft_moved")
 
 
 @pytest.mark.parametrize("sideways", [0.0, 0.15])

@@ -73,7 +73,9 @@ def trace(*waves, of_table=(), height=0.0, middle=2.0, width=90.0, soft=10.0, se
     place = on_shaft(ANGLE)
     rng = np.random.default_rng(seed)
     off = np.degrees(np.abs(np.angle(np.exp(1j * (place - middle)))))
-    out = 1e3 * TRAVEL * np.cos(ANGLE) + height * np.clip(((width + soft) / 2 - off) / soft, 0.0, 1.0)
+    out = 1e3 * (TRAVEL * np.cos(ANGLE) + RADIUS * np.cos(place - ANGLE)) + height * np.clip(
+        ((width + soft) / 2 - off) / soft, 0.0, 1.0
+    )
     for at, listed in ((place, waves), (ANGLE, of_table)):
         out = out + sum(a * np.cos(n * at + n * n) for n, a in listed)
     return (out + rng.normal(0.0, 0.2, ANGLE.size)) * UM

@@ -1,7 +1,7 @@
 """Does an old calibration still hold? A new scan of the artefact answers, quantity by quantity."""
 
 from dataclasses import dataclass, replace
-from math import hypot, pi, sqrt
+from math import hypot, pi, radians, sqrt
 from typing import Literal
 
 import numpy as np
@@ -264,13 +264,18 @@ def _changes(
     """
     points = _seen_points(new, artefact)
     moved = unknowns_of(new)[0] - unknowns_of(old)[0]
+    # The largest move counts, with its own U.
+    on_table = max(_move(axis_sensitivity(v), moved, covariance) for _, _, v in points)
+    shaft = _change("shaft_moved", "shaft on the table", on_table, SHAFT_MOVED, limit, remedy)
+    clamped_again = shaft.verdict == "does_not_hold"
+    everything = _both(old.covariance, new.covariance)
+    if clamped_again:  # its steps' axes and its form have turned with it
+        covariance = everything
     told = PLANE_KEYS.isdisjoint((*old.not_identifiable, *new.not_identifiable))
     # What the scans don't tell may have moved as far as the mounting leaves it.
-    of_plane = covariance if told else _both(old.covariance, new.covariance)
-    # The largest move counts, with its own U.
+    of_plane = covariance if told else everything
     radial = max(_radial_move(old, new, point, covariance) for point in points)
     sideways = max(_move(_plane_sensitivity(v), moved, of_plane) for _, _, v in points)
-    shaft = max(_move(axis_sensitivity(v), moved, covariance) for _, _, v in points)
     changes = [
         _change("sensor_moved_radially", "sensor, radially", radial, SENSOR_MOVED, limit, remedy),
         _change("sensor_moved_sideways", "sensor, sideways", sideways, PLANE_MOVED, limit,
@@ -280,13 +285,13 @@ def _changes(
     # An edge may be too rough for the limit: the height that rests on it is known to 0.5 mm only, too.
     if along is not None and (_shows_face(new) or along[1] < max(limit, along[0])):
         changes.append(_change("sensor_moved_along", "sensor, along the axis", along, HEIGHT_MOVED, limit, remedy))
-    about = _about(old, new, artefact)
+    about = _about(old, new, artefact, clamped_again)
     if about is not None:
         changes.append(_change("sensor_moved_about", "sensor, about the axis", about, VIEWS_TURNED, limit, remedy))
-    return [*changes, _change("shaft_moved", "shaft on the table", shaft, SHAFT_MOVED, limit, remedy)]
+    return [*changes, shaft]
 
 
-def _about(old: Calibration, new: Calibration, artefact: Artefact) -> tuple[float, float] | None:
+def _about(old: Calibration, new: Calibration, artefact: Artefact, clamped_again: bool) -> tuple[float, float] | None:
     """By how much (mm, at the largest radius in view) a view has turned about the axis against the first, and its U.
 
     None for the first, and for a view that was not calibrated together with the others.
@@ -296,8 +301,11 @@ def _about(old: Calibration, new: Calibration, artefact: Artefact) -> tuple[floa
     seen = {profile.surface for profile in new.static_profiles}
     radius = max(c.radius for c in artefact.cylinders if c.name in seen)
     before = new.azimuth_repeats if old.azimuth_repeats is None else old.azimuth_repeats
-    told = AZIMUTH_KEY not in (*old.not_identifiable, *new.not_identifiable)
-    U = K * hypot(new.azimuth_repeats, before) if told else pi
+    U = K * hypot(new.azimuth_repeats, before)
+    if clamped_again:
+        U = radians(hypot(*(c.uncertainty[AZIMUTH_KEY].U for c in (old, new))))
+    if AZIMUTH_KEY in (*old.not_identifiable, *new.not_identifiable):
+        U = pi
     return radius * abs(wrap(new.azimuth - old.azimuth)), radius * U
 
 

@@ -4,7 +4,8 @@ A series of waves follows dirt of 10 to 25 um on a third of one cylinder so clos
 wave once a turn for the cylinder's axis. But form goes in waves, and a patch begins and ends, at once or over some
 degrees. So both are looked for together, by orthogonal matching pursuit (Pati, Rezaiifar and Krishnaprasad 1993): of
 what the slowest waves leave of a turn, the wave that explains most is taken out, until a patch does that explains most
-of what is left, and more than two waves would, which have as many unknowns.
+of what is left, and more than two waves would, which have as many unknowns; and either more than three, or the shaft's
+slow waves as well.
 """
 
 from dataclasses import dataclass
@@ -35,6 +36,10 @@ MOST = 0.6
 """Share of what is left (of its square) that a patch has to explain."""
 RIVALS = 2
 """Waves that together have to explain less: they have as many unknowns as a patch (place, width, softness, height)."""
+OVAL, AGREE = 2, 0.3
+"""What is left looks like a wide, soft patch where form falls steadily, too: so it also has to explain the slow waves
+beyond the oval, of whose squares this share may stay; or as much as a third rival.
+"""
 LEAST_MM, SIGNIFICANT = 0.002, 12.0
 """mm, and standard deviations: lower ones are never patches. Forty thousand are looked at (chance makes 5 of that), and
 neighbouring stretches err alike.
@@ -91,8 +96,9 @@ def _shape(off: Array, width: float, soft: float) -> Array:
 
 def _patches_of(k: int, angle: Array, traces: Array, radius: float) -> Mask:
     """Those (SECTORS,) of one surface."""
-    trace, travel = traces[k], fit_harmonics(angle, traces[k])
-    place, middles = _on_shaft(angle, travel, radius), _middles(COUNT)
+    towards, sideways = _travel(angle, traces[k])
+    ahead, middles = _ahead(sideways(angle), radius), _middles(COUNT)
+    place, trace = angle + ahead, traces[k] - towards(angle) - radius * np.cos(ahead)
     mask = np.zeros(COUNT, dtype=np.bool_)
     for _ in range(MOST_PATCHES):
         patch = _patch_of(angle, place, np.where(mask[stretch_of(place)], np.nan, trace))
@@ -102,16 +108,35 @@ def _patches_of(k: int, angle: Array, traces: Array, radius: float) -> Mask:
         if more.mean() > MOST_OTHER:
             break
         mask = more
-    return mask[stretch_of(_on_shaft(_middles(SECTORS), travel, radius))]
+    sectors = _middles(SECTORS)
+    return mask[stretch_of(sectors + _ahead(sideways(sectors), radius))]
+
+
+def _ahead(sideways: Array, radius: float) -> Array:
+    """By how much (rad) the place on the shaft that is read runs ahead of the table's angle; sideways: mm."""
+    return np.asarray(np.arcsin(np.clip(sideways / radius, -1.0, 1.0)))
+
+
+def _travel(angle: Array, trace: Array) -> tuple[Harmonics, Harmonics]:
+    """A shaft's travel (mm over table angle) towards the sensor and sideways, of a trace (n,) mm over table ``angle``.
+
+    Sideways it brings other places of the shaft into view; over table angle a wave of form would spread over the
+    spectrum.
+    """
+    fitted = fit_harmonics(angle, trace, (1, 2, 3))
+    c, s = fitted.cos[:1], fitted.sin[:1]
+    return Harmonics((1,), 0.0, c, s), Harmonics((1,), 0.0, -s, c)
 
 
 def _patch_of(angle: Array, place: Array, trace: Array) -> _Patch | None:
     """The patch that stands out of a trace (n,) mm over table ``angle`` and ``place`` on the shaft (n,) rad."""
     on, time = np.isfinite(trace), _time(trace)
-    slow = _slow(place, time)
-    left = trace - slow @ _fitted(slow, trace)
+    slow = _waves_at(place, SLOWEST)
+    design = np.column_stack([slow, np.ones(time.size), time])
+    fitted = _fitted(design, trace)
     ones = np.ones(np.count_nonzero(on))
-    return _patch_in(*(around(place[on], ones, values[on]) for values in (left, time, place - angle)))
+    turn, drift, ahead = (around(place[on], ones, v[on]) for v in (trace - design @ fitted, time, place - angle))
+    return _patch_in(turn + _waves_at(_middles(COUNT), SLOWEST) @ fitted[: slow.shape[1]], drift, ahead)
 
 
 def _middles(count: int) -> Array:
@@ -124,23 +149,15 @@ def _time(trace: Array) -> Array:
     return np.linspace(0.0, 1.0, trace.size)
 
 
-def _slow(angle: Array, time: Array) -> Array:
-    """Steady drift and the slowest waves (n, columns) at angles (n,) rad."""
-    waves = np.multiply.outer(angle, np.arange(1, SLOWEST + 1))
-    return np.column_stack([np.ones(time.size), time, np.cos(waves), np.sin(waves)])
-
-
-def _on_shaft(angle: Array, travel: Harmonics, radius: float) -> Array:
-    """Where on the shaft a sensor reads at table angles (n,), rad: its travel sideways brings other places into view,
-    and a wave of form would spread over the spectrum.
-    """
-    sideways = travel.cos[0] * np.sin(angle) - travel.sin[0] * np.cos(angle)
-    return np.asarray(angle + np.arcsin(np.clip(sideways / radius, -1.0, 1.0)))
+def _waves_at(angle: Array, most: int) -> Array:
+    """Waves of 1 to ``most`` a turn at angles (n,) rad: (n, 2 most)."""
+    phase = np.multiply.outer(angle, np.arange(1, most + 1))
+    return np.hstack([np.cos(phase), np.sin(phase)])
 
 
 def _is_shared(k: int, shape: Array, angle: Array, traces: Array) -> bool:
     """Whether another trace than the ``k``-th has a patch of this ``shape`` (n,) as well, as high."""
-    design = np.column_stack([shape, _slow(angle, _time(shape))])
+    design = np.column_stack([shape, np.ones(shape.size), _time(shape), _waves_at(angle, SLOWEST)])
     heights = np.array([_fitted(design, trace)[0] for trace in traces])
     return bool((np.abs(np.delete(heights, k) - heights[k]) < ALIKE * abs(heights[k])).any())
 
@@ -160,16 +177,18 @@ def _patch_in(turn: Array, drift: Array, ahead: Array) -> _Patch | None:
     seen, place = np.isfinite(turn), _middles(turn.size)
     # The table's bearing passes with its angle.
     waves = np.stack([_waves(place, seen), _waves(place - ahead, seen)], axis=1)
-    slow = waves[: SLOWEST + 1, 0].reshape(-1, turn.size)[1:]  # the first sine is none
-    left = _Left.of(turn, _shapes(turn.size)).without(np.vstack([np.where(seen, drift, 0.0), slow]))
-    waves = waves[SLOWEST + 1 :]
+    oval = waves[: OVAL + 1, 0].reshape(-1, turn.size)[1:]  # the first sine is none
+    slow = waves[OVAL + 1 : SLOWEST + 1, 0].reshape(-1, turn.size)
+    beyond_oval = _Left.of(turn, _shapes(turn.size)).without(np.vstack([np.where(seen, drift, 0.0), oval]))
+    left, waves = beyond_oval.without(slow), waves[SLOWEST + 1 :]
     for _ in range(MOST_WAVES):
         by_waves = left.explained_by(waves)
         patch, explained = left.best_patch()
-        rivals = float(np.sort(by_waves.max(axis=1))[-RIVALS:].sum())
+        third, *rivals = np.sort(by_waves.max(axis=1))[-RIVALS - 1 :]
         noise = robust_sd(np.diff(left.values[seen], 2)) / sqrt(6.0)  # a value's share of a second difference
         most = MOST * (left.squares - noise**2 * np.count_nonzero(seen))
-        if abs(patch.height) > LEAST_MM and explained > max(most, rivals, (SIGNIFICANT * noise) ** 2):
+        stands_out = abs(patch.height) > LEAST_MM and explained > max(most, sum(rivals), (SIGNIFICANT * noise) ** 2)
+        if stands_out and (explained > third + sum(rivals) or beyond_oval.has(patch, slow)):
             return patch
         left = left.without(waves[np.unravel_index(np.argmax(by_waves), by_waves.shape)])
     return None
@@ -228,6 +247,12 @@ class _Left:
         along = waves @ self.values
         alike = LEAST_LEFT * self.values.size * np.eye(2)  # of a wave that is known, nothing is left
         return np.asarray(np.einsum("...i,...ij,...j->...", along, np.linalg.inv(left + alike), along))
+
+    def has(self, patch: _Patch, waves: Array) -> bool:
+        """Whether a patch explains most of the ``waves`` (j, n), too."""
+        values = self.values - patch.height * patch.shape(_middles(self.values.size))
+        flat, _ = np.linalg.qr(waves.T - self.basis @ (self.basis.T @ waves.T))
+        return float(np.square(flat.T @ values).sum()) < AGREE * float(np.square(flat.T @ self.values).sum())
 
     def best_patch(self) -> tuple[_Patch, float]:
         """The patch that explains most, and how much of its square, mm2."""
