@@ -9,6 +9,7 @@ import pytest
 from truestand.apply.verify import verify
 from truestand.calibration.calibrate import calibrate
 from truestand.core.artefact import Artefact, Cylinder
+from truestand.core.message import Message
 from truestand.core.scan import interpret
 from truestand.sim import FormWave, Misalignment, simulate
 from truth import ABOVE, PLANE, TILTED, Named, shaft
@@ -20,6 +21,15 @@ BASE = Named(
 """Sideways, noise counts 18-fold: limits of 10 um want a quarter of a scan, not a sixteenth."""
 
 
+def waves(*phases):
+    """Form of base and bearing, which begin at these phases."""
+    return tuple(
+        FormWave(surface, n, 0.5e-3, n + phase)
+        for surface, phase in zip(("base", "bearing"), phases, strict=True)
+        for n in (2, 3, 4)
+    )
+
+
 def scan(named, seed):
     return interpret(simulate(named.stand(), named.simulation(), shaft(), seed).recording, named.stand())
 
@@ -29,8 +39,8 @@ def old():
     return calibrate(scan(BASE, 0), shaft())
 
 
-def changed(**parts):
-    return replace(BASE, **{k: {**getattr(BASE, k), **v} for k, v in parts.items()})
+def changed(named=BASE, **parts):
+    return replace(named, **{k: {**getattr(named, k), **v} for k, v in parts.items()})
 
 
 def test_another_scan_of_the_same_stand_holds():
@@ -87,6 +97,54 @@ def test_a_shaft_that_was_clamped_again_moves_no_sensor():
     assert found.verdict == "does_not_hold"
     assert [c.code for c in found.changes if c.verdict == "does_not_hold"] == ["shaft_moved"]
     assert all(c.value < c.U for c in found.changes if c.code != "shaft_moved")
+
+
+@pytest.mark.parametrize(
+    ("form", "now"),
+    [
+        (waves(0.0, 1.0), {"clamped": 2.0}),
+        (waves(0.0, 0.0), {"clamped": 2.0}),
+        (waves(0.0, 1.0), {"misalignments": (Misalignment("bearing", 4e-3, 0.0),), "form": waves(0.0, 0.0)}),
+    ],
+    ids=["turned in its clamp", "turned, all surfaces alike", "dirty since"],
+)
+def test_a_shaft_whose_form_is_another_is_undecided(form, now):
+    """It runs as it did, but its steps' axes lie elsewhere: the sensor was said to have moved sideways."""
+    off = {"misalignments": (Misalignment("bearing", 1.5e-3, 0.0),), "form": form}
+    known = calibrate(scan(changed(workpiece=off), 0), shaft())
+    found = verify(scan(changed(workpiece={**off, **now}), 1), known, shaft())
+    assert "sensor_moved_sideways" in {c.code for c in found.changes if c.verdict == "does_not_hold"}
+    assert found.verdict == "undecided" and [r.code for r in found.reasons] == ["form_changed"]
+
+
+def test_a_sensor_that_moved_is_named_though_form_is_another():
+    now = changed(workpiece={"form": waves(0.0, 1.0)}, mounting={"standoff": 95.03})
+    found = verify(scan(now, 1), old(), shaft())
+    assert found.verdict == "does_not_hold" and "sensor_moved_radially" in {r.code for r in found.reasons}
+
+
+def test_nothing_is_held_against_an_untrusted_calibration():
+    doubtful = replace(old(), reasons=(Message("dirt", "form is dirt"),))
+    found = verify(scan(BASE, 1), doubtful, shaft())
+    assert found.verdict == "undecided"
+    assert found.reasons == ("the old calibration is untrusted: form is dirt",)
+
+
+@pytest.mark.parametrize(("eccentricity", "turns"), [(0.88, (1.2, 1.45)), (0.3, (2.0, 1.25))])
+def test_scans_of_other_lengths_weigh_a_steps_axis_otherwise(eccentricity, turns):
+    """A step off coaxial cancels where both scans show the same of it; else a sensor that stood still had moved by
+    2.7 um with a U of 0.02, which is what noise leaves. Along the axis 0.4 um of it are not in U.
+    """
+    certified = Artefact(tuple(replace(c, coaxiality_U=0.02) for c in shaft().cylinders))
+    still = changed(
+        workpiece={"misalignments": (Misalignment("bearing", 8e-3, -5e-3),)},
+        optics={"noise": 0.0003, "step_z": 0.0, "step_x": 0.0},
+        running={"eccentricity": eccentricity},
+    )
+    before, now = (changed(still, acquisition={"profiles": int(2000 * n), "start_angle": n}) for n in turns)
+    found = verify(scan(now, 1), calibrate(scan(before, 0), certified), certified)
+    assert all(c.value < c.U + 0.0005 * (c.code == "sensor_moved_along") for c in found.changes)
+    assert next(c for c in found.changes if c.name == "sensor, radially").U < 0.005
 
 
 @pytest.mark.parametrize("sideways", [0.0, 0.15])

@@ -6,6 +6,7 @@ from typing import Literal
 
 import numpy as np
 
+from truestand.apply.repeats import azimuth_repeatability, form_change, repeatability, told_together
 from truestand.apply.right_view import demand_own_view
 from truestand.apply.transfer import configuration_reasons, transfer, untied_reasons
 from truestand.apply.views import demand_one_each
@@ -55,6 +56,10 @@ NOT_COMPARED = Message(
     "how the views stand to each other about the axis was not compared: scan the shaft by every view of the "
     "calibration, from the zero of the angle that it has",
 )
+BY_AXES = {"sensor_moved_sideways", "sensor_moved_about", "shaft_moved"}
+"""Changes that the axes of the artefact's surfaces tell, which go with their form."""
+CLAMPED_AGAIN = 5.0
+"""Times the change of its form by which a shaft moves that was clamped again: dirt moves its axis by less."""
 PLANE_KEYS = {"laser_plane_offset_mm", "laser_plane_tilt_deg"}
 PUBLISHED = Message(
     "published_method", "the old calibration is of the published method, which knows no laser plane or tilt"
@@ -147,7 +152,11 @@ def _verify(
     whole, old = old, old.for_scan(scan)
     if whole.views:
         demand_own_view(scan, whole, witness(scan, old))
-    reasons = (*configuration_reasons(scan, old), *(() if old.method == "stand" else (PUBLISHED,)))
+    reasons = (
+        *configuration_reasons(scan, old),
+        *(() if old.method == "stand" else (PUBLISHED,)),
+        *(reason.prefixed("the old calibration is untrusted: ") for reason in _doubts(old)),
+    )
     tied = _is_tied(scan, old, start_stated)
     if not tied:
         aligned = transfer(scan, old)
@@ -161,10 +170,11 @@ def _verify(
     if new is None:
         raise NotEnoughData(untrusted[0])
     reasons = (*(reason.prefixed("the new scan is untrusted: ") for reason in untrusted), *reasons)
-    covariance, remedy = _repeatability(old, new), MORE_TURNS
+    covariance, remedy = repeatability(old, new), MORE_TURNS
     if whole.views and together is None:
-        covariance, remedy = covariance + _told_together(old, new), EVERY_VIEW
+        covariance, remedy = covariance + told_together(old, new), EVERY_VIEW
     changes = _changes(old, new, artefact, limit, covariance, remedy)
+    reasons = (*reasons, *_by_form(changes, form_change(old, new, _plane_told(old, new))))
     return _verification(changes, reasons, "calibration", scan, new)
 
 
@@ -200,8 +210,12 @@ def _calibrated(scan: Scan, artefact: Artefact, old: Calibration) -> tuple[Calib
 
 
 def _with_doubts(new: Calibration) -> tuple[Calibration, tuple[Message, ...]]:
-    """A calibration and why it is not to be trusted; its zero of the angle is judged before."""
-    return new, tuple(r for r in new.reasons if r.code != UNTIED.code)
+    return new, _doubts(new)
+
+
+def _doubts(calibration: Calibration) -> tuple[Message, ...]:
+    """Why it is not to be trusted; its zero of the angle is judged before."""
+    return tuple(r for r in calibration.reasons if r.code != UNTIED.code)
 
 
 def _shows_artefact(new: Calibration) -> bool:
@@ -218,6 +232,18 @@ def _verification(
     if undecided:
         worst, reasons = "undecided", undecided
     return Verification(worst, tuple(changes), reasons, new, (ScanSummary.of(scan),), by)
+
+
+def _by_form(changes: list[Change], form: float) -> tuple[Message, ...]:
+    """Why nothing is decided: the shaft's ``form`` (mm) is another, and no more has moved than that may explain."""
+    moved = {c.code: c.value for c in changes if c.verdict == "does_not_hold"}
+    if not form or moved.keys() - BY_AXES or moved.get("shaft_moved", 0.0) > CLAMPED_AGAIN * form:
+        return ()
+    text = (
+        f"the shaft's form is not that of the calibration, its waves of 2 to 4 a turn differ by {1000 * form:.2f} um: "
+        "it is dirty or worn, or has turned in its clamp: clean it and clamp it as it was, or calibrate again"
+    )
+    return (Message("form_changed", text),)
 
 
 def _worst(verdicts: set[Verdict]) -> Verdict:
@@ -271,7 +297,7 @@ def _changes(
     everything = _both(old.covariance, new.covariance)
     if clamped_again:  # its steps' axes and its form have turned with it
         covariance = everything
-    told = PLANE_KEYS.isdisjoint((*old.not_identifiable, *new.not_identifiable))
+    told = _plane_told(old, new)
     # What the scans don't tell may have moved as far as the mounting leaves it.
     of_plane = covariance if told else everything
     radial = max(_radial_move(old, new, point, covariance) for point in points)
@@ -291,6 +317,11 @@ def _changes(
     return [*changes, shaft]
 
 
+def _plane_told(old: Calibration, new: Calibration) -> bool:
+    """Whether both scans tell where the laser plane stands; under another plane form lies elsewhere on each surface."""
+    return PLANE_KEYS.isdisjoint((*old.not_identifiable, *new.not_identifiable))
+
+
 def _about(old: Calibration, new: Calibration, artefact: Artefact, clamped_again: bool) -> tuple[float, float] | None:
     """By how much (mm, at the largest radius in view) a view has turned about the axis against the first, and its U.
 
@@ -300,8 +331,7 @@ def _about(old: Calibration, new: Calibration, artefact: Artefact, clamped_again
         return None
     seen = {profile.surface for profile in new.static_profiles}
     radius = max(c.radius for c in artefact.cylinders if c.name in seen)
-    before = new.azimuth_repeats if old.azimuth_repeats is None else old.azimuth_repeats
-    U = K * hypot(new.azimuth_repeats, before)
+    U = K * azimuth_repeatability(old, new)
     if clamped_again:
         U = radians(hypot(*(c.uncertainty[AZIMUTH_KEY].U for c in (old, new))))
     if AZIMUTH_KEY in (*old.not_identifiable, *new.not_identifiable):
@@ -334,23 +364,9 @@ def _shows_face(calibration: Calibration) -> bool:
     return "height" not in calibration.not_identifiable
 
 
-def _repeatability(old: Calibration, new: Calibration) -> Array:
-    """Covariance (8, 8) of the difference of two calibrations of the same artefact."""
-    return _both(old.repeatability, new.repeatability)
-
-
 def _both(old: Array, new: Array) -> Array:
     """The sum of two covariances; a record without one has the new scan's."""
     return new + (old if old.size else new)
-
-
-def _told_together(old: Calibration, new: Calibration) -> Array:
-    """Covariance (8, 8) of what several views have told together of one and its own scan doesn't: by as much one knows
-    more than the other, in the directions in which it does (Hausman 1978).
-    """
-    scale = np.sqrt(np.maximum(np.diag(new.covariance), 1e-300))
-    values, vectors = np.linalg.eigh((new.covariance - old.covariance) / np.outer(scale, scale))
-    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T * np.outer(scale, scale))
 
 
 def _seen_points(new: Calibration, artefact: Artefact) -> list[tuple[float, float, float]]:
