@@ -117,6 +117,18 @@ def test_a_shaft_whose_form_is_another_is_undecided(form, now):
     assert found.verdict == "undecided" and [r.code for r in found.reasons] == ["form_changed"]
 
 
+@pytest.mark.parametrize(("turn", "decided"), [(0.003, set()), (0.3, {"shaft_moved"})])
+def test_another_zero_of_the_angle_is_no_other_form(turn, decided):
+    """Shaft and eccentricity have turned together, under 120 um of ovality, which went by 0.7 um for 3 mrad."""
+    oval = {"form": (FormWave("base", 2, 0.12, 0.4), FormWave("bearing", 3, 0.012, -1.0))}
+    known = calibrate(scan(changed(workpiece=oval), 0), shaft())
+    direction = BASE.simulation().running.eccentricity_direction + turn
+    turned = changed(workpiece={**oval, "clamped": turn}, running={"eccentricity_direction": direction})
+    found = verify(scan(turned, 1), known, shaft())
+    assert found.verdict == ("does_not_hold" if decided else "holds")
+    assert {c.code for c in found.changes if c.verdict == "does_not_hold"} == decided
+
+
 def test_a_sensor_that_moved_is_named_though_form_is_another():
     now = changed(workpiece={"form": waves(0.0, 1.0)}, mounting={"standoff": 95.03})
     found = verify(scan(now, 1), old(), shaft())
