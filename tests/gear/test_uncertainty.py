@@ -18,7 +18,7 @@ from truestand.core.surface import apply_calibration
 from truestand.gear.budget import Influence, expanded
 from truestand.gear.evaluate import evaluate, figures_of
 from truestand.gear.flanks import find_flanks, find_toothing
-from truestand.gear.geometry import involute
+from truestand.gear.geometry import SIGMA, involute
 from truestand.gear.inspect import evaluate_flanks, inspect_gear
 from truestand.gear.seen_flanks import seen_flanks
 from truestand.sim import GearErrors, VirtualGear, paper_shaft, simulate
@@ -253,6 +253,28 @@ def test_u_of_a_range_is_the_root_mean_square_of_both_ways():
     level, half = (found["lean"]["F_beta"] for found in U)
     assert np.nanmin(level) > 5 * UM
     assert half == pytest.approx(level / sqrt(2.0), rel=1e-3, nan_ok=True)
+
+
+def test_u_of_the_pitch_of_several_gears_is_their_root_mean_square():
+    """An axis that is off moves teeth that face each other apart, and neighbours hardly: which are extreme matters."""
+    by, _ = evaluated()
+    teeth, nominal = by.grid.delta.shape[1], by.grid.nominal
+    leaning = 5 * UM * np.cos(nominal.gear.pitch * np.arange(teeth))[None, :, None, None] + np.zeros(
+        by.grid.delta.shape
+    )
+    otherwise = 20 * UM * np.random.default_rng(3).standard_normal((2, 2, teeth))
+    axis = (Influence("axis", leaning, 0.0, UM),)
+
+    def of(gear):
+        delta = by.grid.delta + (SIGMA[:, None] * gear / nominal.arc_per_delta)[:, :, None, None]
+        return expanded(axis, replace(by, grid=replace(by.grid, delta=delta)))["axis"]
+
+    each, together = [of(gear) for gear in otherwise], expanded(axis, by, otherwise)["axis"]
+    for name in ("F_p", "f_p", "F_pk", "f_u"):
+        a, b = (gear[name] for gear in each)
+        assert together[name] == pytest.approx(np.sqrt((a**2 + b**2) / 2), rel=1e-9), name
+    assert (np.abs(each[0]["F_p"] - each[1]["F_p"]) > 0.2 * each[0]["F_p"]).any()
+    assert together["F_r"] == pytest.approx(expanded(axis, by)["axis"]["F_r"])
 
 
 @pytest.mark.more

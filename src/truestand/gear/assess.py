@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from truestand.core.arrays import Mask
+from truestand.core.arrays import Array, Mask
 from truestand.gear.budget import BETWEEN_READINGS, expanded
 from truestand.gear.coverage import Coverage
 from truestand.gear.damage import Damage, Zone, clear_of, without_damage, zones_of
@@ -81,26 +81,26 @@ def assess(
     told: tuple[Damage, ...],
     gaps: tuple[Damage, ...],
     there: Mask,
-    planned: bool = False,
+    planned: Array | None = None,
 ) -> Assessment:
     """The figures, freed of the bias of noise, with every line of their budget.
 
     ``influences``: every input of the budget but noise; ``told``: damage that shows; ``gaps``: what was not seen;
     ``there`` (teeth,): those that the drawing has; ``planned``: of one of several imagined scans, which share the draws
-    of noise, and of which no other sections are read.
+    of noise, and of which no other sections are read: how further gears stand ``otherwise`` (``expanded``).
     """
     nominal, damage = evaluator.grid.nominal, (*told, *gaps)
     figures = figures_of(measures, nominal)
     if (damaged := clear_of(damage, evaluator.grid)).any():
         evaluator = with_noise_beside(damaged, evaluator, step)
-    noise = bias_of(figures, evaluator, FEW_DRAWS if planned else DRAWS)
+    noise = bias_of(figures, evaluator, DRAWS if planned is None else FEW_DRAWS)
     corrected, on_top = noise.corrected(figures), tuple(d for d in damage if d.on_top)
     return Assessment(
         nominal,
         corrected,
         _without(damage, evaluator, step) if any(d.depth for d in damage) else corrected,
         _without(on_top, evaluator, step) if on_top else corrected,
-        expanded(influences, evaluator)
+        expanded(influences, evaluator, planned)
         | {
             "noise": noise.expanded(figures, steepness_of(evaluator)),
             BETWEEN_READINGS: sampling_of(evaluator),
@@ -113,7 +113,7 @@ def assess(
         told,
         zones_of(evaluator.grid, step),
         there,
-        None if planned else sections_of(evaluator, noise, step),
+        sections_of(evaluator, noise, step) if planned is None else None,
         evaluator.grid.size[1],
     )
 

@@ -2,7 +2,7 @@
 of the flanks, and what each figure makes of it.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from math import hypot, isfinite
 
@@ -13,8 +13,9 @@ from truestand.core.arrays import Array
 from truestand.core.assumptions import K
 from truestand.core.calibration import AZIMUTH, HEIGHT, VIEW_UNKNOWNS, Calibration, Contribution
 from truestand.core.frames import UNKNOWNS
-from truestand.gear.evaluate import Evaluator, Figures, evaluate, figures_of
+from truestand.gear.evaluate import PITCH, Evaluator, Figures, evaluate, figures_of, pitch_extremes
 from truestand.gear.flanks import Flanks, Toothing
+from truestand.gear.geometry import pitch_span
 from truestand.gear.grid import Grid, cell_of
 from truestand.gear.levels import levelling
 from truestand.gear.seen_flanks import FLANK_ONLY, Influence, SeenCells, SeenFlanks, seen_flanks
@@ -130,30 +131,40 @@ def radial_lines(influences: tuple[Influence, ...]) -> tuple[Contribution, ...]:
     return tuple(c for c in lines.values() if c.U > 1e-6 and not c.name.startswith(FLANK_ONLY))
 
 
-def expanded(influences: tuple[Influence, ...], evaluator: Evaluator) -> dict[str, Figures]:
+def expanded(
+    influences: tuple[Influence, ...], evaluator: Evaluator, otherwise: Array | None = None
+) -> dict[str, Figures]:
     """U (k = 2, mm) of each figure by the name of the input; inputs of one name are joined.
 
     The input may be off either way, and a range that grows by it one way shrinks the other, less and less the smaller
-    it is: the root mean square of both.
+    it is: the root mean square of both. ``otherwise`` (n, 2, teeth): mm by which the teeth of n gears stand otherwise
+    than these; U of the pitch is then the root mean square of all, for it hangs on which teeth are the extreme ones.
     """
     nominal, delta = evaluator.grid.nominal, np.nan_to_num(evaluator.grid.delta)
-    base = figures_of(evaluate(delta, evaluator), nominal)
+    gears = np.zeros((1, *delta.shape[:2])) if otherwise is None else otherwise
+
+    def read(field: Array | float) -> Figures:
+        measures = evaluate(delta + field, evaluator)
+        pitch = pitch_extremes(measures.index + gears, pitch_span(nominal.gear))
+        return figures_of(measures, nominal) | pitch
+
+    base = read(0.0)
     by_input: dict[str, Figures] = {}
     for i in influences:
         joined = by_input.setdefault(i.name, {n: np.zeros_like(v) for n, v in base.items()})
         if np.abs(i.field).max() < UNFELT:
             continue
-        ways = [figures_of(evaluate(delta + s * i.field, evaluator), nominal) for s in (1.0, -1.0)]
+        ways = [read(s * i.field) for s in (1.0, -1.0)]
         for n, value in base.items():
             joined[n] = np.hypot(joined[n], _root_mean_square([way[n] - value for way in ways]))
-    return by_input
+    return {name: U | {n: _root_mean_square(U[n]) for n in PITCH} for name, U in by_input.items()}
 
 
-def _root_mean_square(off: list[Array]) -> Array:
+def _root_mean_square(off: Iterable[Array]) -> Array:
     """Of what is known of some arrays; NaN: not known."""
-    known = [np.isfinite(values) for values in off]
-    total = sum(np.square(np.where(at, values, 0.0)) for at, values in zip(known, off, strict=True))
-    number = np.sum(known, axis=0)
+    values = np.stack(list(off))
+    known = np.isfinite(values)
+    total, number = np.square(np.where(known, values, 0.0)).sum(axis=0), known.sum(axis=0)
     return np.sqrt(np.where(number > 0, total / np.maximum(number, 1), np.nan))
 
 

@@ -61,6 +61,8 @@ FORMS = (0.2, 0.7, 1.4)
 """Of this form, what the gears of the imagined scans have: how large U is depends on what a scan reads, and U of form
 is largest where there is least of it (the middles of thirds of a half-normal distribution).
 """
+GEARS = 16
+"""Of an imagined scan, that have other pitch each."""
 LARGEST_OF_TEETH = 0.7
 """Of a wave's height over a turn: by so much it moves the range of a gear's pitch on average."""
 
@@ -112,18 +114,23 @@ class GearTarget:
         for form in FORMS:
             read = self._read(grid, views, readings, rng)
             influences = influences_of(_sources(calibrations, own, read.shares), grid, self.toothing)
-            scans.append(self._lines_of(self._scanned(grid, influences, read, form, rng), influences))
+            pitches = np.stack([_usual_pitch(self.gear, rng) for _ in range(GEARS)])
+            scanned = self._scanned(grid, influences, read, pitches[0], form, rng)
+            otherwise = SIGMA[:, None] * (pitches - pitches[0])[..., 0, 0] * grid.nominal.arc_per_delta
+            scans.append(self._lines_of(scanned, influences, otherwise))
         return tuple(_typical(of) for of in zip(*scans, strict=True))
 
-    def _lines_of(self, grid: Grid, influences: tuple[Influence, ...]) -> tuple[Characteristic, ...]:
-        """The lines that an inspection would have, were these its cells."""
+    def _lines_of(self, grid: Grid, influences: tuple[Influence, ...], otherwise: Array) -> tuple[Characteristic, ...]:
+        """The lines that an inspection would have, were these its cells; of the pitch, those of gears whose teeth stand
+        ``otherwise`` by (gears, 2, teeth) mm, too.
+        """
         step, teeth = 2 * np.pi / self.profiles_per_turn, self.gear.teeth
         evaluator = evaluator_of(grid, step)
         measures = evaluate(grid.delta, evaluator)
         coverage = coverage_of(evaluator, measures, step, np.zeros((2, teeth)), np.zeros(2, dtype=bool))
         there = ~np.isin(np.arange(teeth) + 1, self.gear.missing_teeth)
         gaps = unseen_in_traces(grid, evaluator.traces, step)
-        found = assess(influences, evaluator, step, measures, coverage, (), gaps, there, planned=True)
+        found = assess(influences, evaluator, step, measures, coverage, (), gaps, there, otherwise)
         return characteristics_of(found, _diameters(found, self.gear))
 
     def picture(self, view: View) -> "FlankPicture":
@@ -201,13 +208,14 @@ class GearTarget:
         return _Readings(number, u[:, None])
 
     def _scanned(
-        self, grid: Grid, influences: Sequence[Influence], read: "_Read", form: float, rng: np.random.Generator
-    ) -> Grid:
-        """The cells of a gear with usual pitch errors, and so much of the usual ``form``, as a stand would read them of
+        self, grid: Grid, influences: Sequence[Influence], read: "_Read", pitch: Array, form: float,
+        rng: np.random.Generator,
+    ) -> Grid:  # fmt: skip
+        """The cells of a gear with ``pitch`` errors, and so much of the usual ``form``, as a stand would read them of
         which each input errs by its standard uncertainty, one way or the other: few scans stand for many stands.
         """
         delta = np.where(read.count > 0, _usual_flanks(grid.nominal, read.roll, grid.heights, form), np.nan)
-        delta += _usual_pitch(self.gear, rng) + read.u * rng.standard_normal(delta.shape)
+        delta += pitch + read.u * rng.standard_normal(delta.shape)
         for influence in influences:
             delta += rng.choice((-1.0, 1.0)) / K * influence.field
         return replace(grid, delta=delta, median=delta, roll=read.roll, count=read.count)
