@@ -140,7 +140,7 @@ class ResultIndex:
             order=entry.order,
             serial=entry.serial,
             part=entry.part,
-            title=entry.part or entry.text or kind,
+            title=entry.part or entry.text or "",
             verdict=None if kind == "calibration" else word,
             status=word if kind == "calibration" else None,
             corrects=entry.about,

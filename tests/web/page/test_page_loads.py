@@ -15,7 +15,7 @@ PAGES = {
     "#/": "Home", "#/inspect": "Which part?", "#/inspect/gear": "demo wheel",
     "#/calibrate": "Mount the reference shaft", "#/job": "Job", "#/results": "Results",
     "#/results/{conforming}": "demo wheel", "#/results/{markup}/evidence": "Sun wheel",
-    "#/results/{calibration}": "shaft M", "#/results/{verification}": "verification",
+    "#/results/{calibration}": "shaft M", "#/results/{verification}": "Verification",
     "#/devices": "Devices", "#/recipes": "Recipes", "#/recipes/gear.toml": "Recipes", "#/login": "Log in to Stand 1",
 }  # fmt: skip
 
@@ -28,6 +28,12 @@ def test_page_shows_its_heading_and_fits(open_tab, path):
         tab.set_viewport_size({"width": width, "height": height})
         assert tab.evaluate("document.documentElement.scrollWidth") <= width
     assert "null" not in tab.locator("main").inner_text() and "undefined" not in tab.locator("main").inner_text()
+
+
+def test_a_line_that_holds_asks_for_nothing(open_tab):
+    tab = open_tab("#/results/{verification}")
+    tab.get_by_role("rowheader", name="sensor, radially").wait_for()
+    assert "calibrate again" not in tab.locator("main").inner_text()
 
 
 def test_first_view_needs_no_charts(open_tab):

@@ -90,7 +90,7 @@ function verification(record) {
   const head = [[t("changes.what")], [t("changes.value"), "n"], [t("table.limit"), "n"], [t("table.used"), "used"], [t("table.verdict")]];
   const words = { holds: "conforms", does_not_hold: "does_not_conform", undecided: "undecided" };
   return [table(t("changes.title"), head, (record.changes ?? []).map((c) => h("tr", { class: words[c.verdict] },
-    h("th", { scope: "row" }, c.name, c.advice && h("small", {}, sentence(c.advice))), h("td", { class: "n" }, withU(c.value_um, c.U_um, "µm", 2)), h("td", { class: "n" }, `${short(c.limit_um)} µm`),
+    h("th", { scope: "row" }, c.name, c.verdict === "does_not_hold" && h("small", {}, sentence(c.advice))), h("td", { class: "n" }, withU(c.value_um, c.U_um, "µm", 2)), h("td", { class: "n" }, `${short(c.limit_um)} µm`),
     h("td", { class: "used" }, bar({ value: Math.abs(c.value_um) / c.limit_um, U: c.U_um / c.limit_um }, words[c.verdict])), h("td", {}, verdict(c.verdict))))), h("p", { class: "note" }, t("word.k2"))];
 }
 
