@@ -3,7 +3,7 @@
 from contextlib import nullcontext
 from dataclasses import replace
 from functools import cache
-from math import pi
+from math import cos, pi, sin
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ from truestand.apply.verify import NOT_COMPARED, SENSOR_MOVED, VIEWS_TURNED, ver
 from truestand.apply.views import roll_views
 from truestand.calibration.views import calibrate_views
 from truestand.core.errors import BadRecipe
-from truestand.core.frames import Pose
+from truestand.core.frames import Pose, shaft_from_rotor, shaft_parameters
 from truestand.core.message import UNTIED, Message
 from truestand.core.scan import interpret
 from truestand.files.records.calibration_record import write_calibration
@@ -161,8 +161,25 @@ def test_a_view_that_has_turned_about_the_axis_is_told():
         (about,) = (c for c in found.changes if c.code == "sensor_moved_about")
         assert about.view == "rear" and 0 < about.U < 0.03
         assert about.value == pytest.approx(turned * LARGEST_SEEN, abs=about.U)
+        for shaft in (c for c in found.changes if c.code == "shaft_moved"):
+            assert shaft.value < shaft.U < 4 * UM, shaft  # it stood still; the rear sees it 7 um elsewhere
     assert sound.verdict == "holds" and moved.verdict == "does_not_hold"
     assert [str(r) for r in moved.reasons] == [f"view 'rear': sensor, about the axis: {VIEWS_TURNED}"]
+
+
+def test_of_two_views_the_first_may_have_turned():
+    """The other sees the shaft where it was: the shaft *did not hold* for the first (an outsider's, 12 mrad)."""
+    known = calibrated()
+    front, rear = known.views
+    ex, ey, tx, ty = shaft_parameters(front.shaft_from_rotor)
+    (ex, tx), (ey, ty) = np.array([[cos(0.02), -sin(0.02)], [sin(0.02), cos(0.02)]]) @ [[ex, tx], [ey, ty]]
+    before = (
+        replace(front, shaft_from_rotor=shaft_from_rotor(ex, ey, tx, ty)),
+        replace(rear, azimuth=rear.azimuth + 0.02),
+    )
+    found = verify_views(scans(seed=3), replace(known, views=before), paper_shaft(), 0.06)
+    assert {(c.view, c.code) for c in found.changes if c.verdict != "holds"} == {("rear", "sensor_moved_about")}
+    assert all(c.value < c.U < 4 * UM for c in found.changes if c.code == "shaft_moved")
 
 
 def test_views_that_are_not_compared_about_the_axis_are_undecided():

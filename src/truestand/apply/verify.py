@@ -20,6 +20,8 @@ from truestand.core.assumptions import K
 from truestand.core.calibration import Calibration, ScanSummary
 from truestand.core.errors import NotEnoughData, TruestandError
 from truestand.core.frames import (
+    ECCENTRICITY,
+    ECCENTRICITY_X,
     PHI,
     PLANE_OFFSET,
     PLANE_TILT,
@@ -56,10 +58,12 @@ NOT_COMPARED = Message(
     "how the views stand to each other about the axis was not compared: scan the shaft by every view of the "
     "calibration, from the zero of the angle that it has",
 )
-BY_AXES = {"sensor_moved_sideways", "sensor_moved_about", "shaft_moved"}
-"""Changes that the axes of the artefact's surfaces tell, which go with their form."""
 CLAMPED_AGAIN = 5.0
 """Times the change of its form by which a shaft moves that was clamped again: dirt moves its axis by less."""
+DIRT_ALONG = 0.1
+"""mm: at the shoulder, dirt moves no sensor along the axis by so much."""
+SHAFT = slice(ECCENTRICITY_X, UNKNOWNS)
+"""Of the unknowns: its eccentricity and tilt."""
 PLANE_KEYS = {"laser_plane_offset_mm", "laser_plane_tilt_deg"}
 PUBLISHED = Message(
     "published_method", "the old calibration is of the published method, which knows no laser plane or tilt"
@@ -173,7 +177,8 @@ def _verify(
     covariance, remedy = repeatability(old, new), MORE_TURNS
     if whole.views and together is None:
         covariance, remedy = covariance + told_together(old, new), EVERY_VIEW
-    changes = _changes(old, new, artefact, limit, covariance, remedy)
+    turn = (0.0, 0.0) if together is None else _turn(whole, together, scan.view)
+    changes = _changes(old, new, artefact, limit, covariance, remedy, turn)
     reasons = (*reasons, *_by_form(changes, form_change(old, new, _plane_told(old, new))))
     return _verification(changes, reasons, "calibration", scan, new)
 
@@ -236,8 +241,8 @@ def _verification(
 
 def _by_form(changes: list[Change], form: float) -> tuple[Message, ...]:
     """Why nothing is decided: the shaft's ``form`` (mm) is another, and no more has moved than that may explain."""
-    moved = {c.code: c.value for c in changes if c.verdict == "does_not_hold"}
-    if not form or moved.keys() - BY_AXES or moved.get("shaft_moved", 0.0) > CLAMPED_AGAIN * form:
+    most = {"shaft_moved": CLAMPED_AGAIN * form, "sensor_moved_along": DIRT_ALONG, "sensor_moved_radially": 0.0}
+    if not form or any(c.value > most.get(c.code, c.value) for c in changes if c.verdict == "does_not_hold"):
         return ()
     text = (
         f"the shaft's form is not that of the calibration, its waves of 2 to 4 a turn differ by {1000 * form:.2f} um: "
@@ -282,16 +287,23 @@ def _changes_in_band(band: Witness, direction: bool, limit: float) -> list[Chang
 
 
 def _changes(
-    old: Calibration, new: Calibration, artefact: Artefact, limit: float, covariance: Array, remedy: str
-) -> list[Change]:
+    old: Calibration, new: Calibration, artefact: Artefact, limit: float, covariance: Array, remedy: str,
+    turn: tuple[float, float],
+) -> list[Change]:  # fmt: skip
     """Everything that could have moved, each at the worst of the artefact's points in view.
 
-    ``covariance`` (8, 8): of the difference of the unknowns where nothing moved; ``remedy``: what makes it smaller.
+    ``covariance`` (8, 8): of the difference of the unknowns where nothing moved; ``remedy``: what makes it smaller;
+    ``turn``: rad by which the view has turned about the axis, and sees the shaft turned the other way; its standard
+    uncertainty.
     """
     points = _seen_points(new, artefact)
-    moved = unknowns_of(new)[0] - unknowns_of(old)[0]
+    before, now = unknowns_of(old)[0], unknowns_of(new)[0]
+    moved = now - before
+    moved[SHAFT] = _turned(now[SHAFT], turn[0]) - before[SHAFT]
+    of_shaft = covariance.copy()
+    of_shaft[ECCENTRICITY, ECCENTRICITY] += (hypot(*now[ECCENTRICITY]) * turn[1]) ** 2 * np.eye(2)
     # The largest move counts, with its own U.
-    on_table = max(_move(axis_sensitivity(v), moved, covariance) for _, _, v in points)
+    on_table = max(_move(axis_sensitivity(v), moved, of_shaft) for _, _, v in points)
     shaft = _change("shaft_moved", "shaft on the table", on_table, SHAFT_MOVED, limit, remedy)
     clamped_again = shaft.verdict == "does_not_hold"
     everything = _both(old.covariance, new.covariance)
@@ -315,6 +327,29 @@ def _changes(
     if about is not None:
         changes.append(_change("sensor_moved_about", "sensor, about the axis", about, VIEWS_TURNED, limit, remedy))
     return [*changes, shaft]
+
+
+def _turn(old: Calibration, new: Calibration, view: str) -> tuple[float, float]:
+    """rad by which a view has turned about the axis against the one that sees the shaft least moved; standard u.
+
+    There is one shaft, and in the angle of a view that turned it seems to have turned the other way.
+    """
+    pairs = {known.name: (known, new.of_view(known.name)) for known in old.views}
+    if any(AZIMUTH_KEY in c.not_identifiable for pair in pairs.values() for c in pair):
+        return 0.0, 0.0
+    moved = {n: hypot(*(unknowns_of(b)[0] - unknowns_of(a)[0])[ECCENTRICITY]) for n, (a, b) in pairs.items()}
+    still = min(moved, key=moved.__getitem__)
+    if view == still:
+        return 0.0, 0.0
+    (own_before, own), (still_before, still_now) = both = pairs[view], pairs[still]
+    u = hypot(*(azimuth_repeatability(*pair) for pair in both if pair[1].azimuth_repeats is not None))
+    return wrap(own.azimuth - own_before.azimuth - still_now.azimuth + still_before.azimuth), u
+
+
+def _turned(shaft: Array, turn: float) -> Array:
+    """Eccentricity and tilt (4,), each turned by ``turn``."""
+    vectors = (shaft[0::2] + 1j * shaft[1::2]) * np.exp(1j * turn)
+    return np.stack([vectors.real, vectors.imag], axis=1).reshape(-1)
 
 
 def _plane_told(old: Calibration, new: Calibration) -> bool:

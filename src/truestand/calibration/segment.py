@@ -120,12 +120,12 @@ def segment(scan: Scan, artefact: Artefact) -> Segments:
         NotEnoughData: no points, or nothing that fits the drawing.
     """
     seen = sample(scan)
-    found = _moving([silhouette(seen, phi) for phi in directions(seen)])
-    outlines = {o.phi: o for outline in found for o in (outline, outline.other_way_up)}
-    candidates = [m for outline in outlines.values() for m in explanations(outline, artefact)]
-    best, margin = best_and_margin(candidates) if candidates else (None, 0.0)
-    if best is None or best.score <= 0:
+    along = (silhouette(seen, phi) for phi in directions(seen))
+    outlines = {o.phi: o for outline in along for o in (outline, outline.other_way_up)}
+    candidates = _moving([m for o in outlines.values() for m in explanations(o, artefact) if m.score > 0], outlines)
+    if not candidates:
         raise _no_fit(artefact)
+    best, margin = best_and_margin(candidates)
     open_height = _open_height(best, candidates)
     outline, match = _refined(seen, outlines[best.phi], best, artefact)
     bands = _bands(outline, match, artefact)
@@ -139,10 +139,14 @@ def segment(scan: Scan, artefact: Artefact) -> Segments:
     )
 
 
-def _moving(outlines: list[Silhouette]) -> list[Silhouette]:
-    """The outlines that move: where one does, another that stands still is a reflection, or a face seen edge on."""
-    most = max((o.wobble for o in outlines), default=0.0)
-    return [o for o in outlines if most < LEAST_WOBBLE_MM or o.wobble > STILL_SHARE * most]
+def _moving(candidates: list[Match], outlines: dict[float, Silhouette]) -> list[Match]:
+    """Those whose outline moves: where one does, another that stands still is a reflection, or a face seen edge on.
+
+    An outline that nothing explains may be of no surface: along a face, readings come and go, and it seems to move.
+    """
+    wobble = [outlines[m.phi].wobble for m in candidates]
+    most = max(wobble, default=0.0)
+    return [m for m, w in zip(candidates, wobble, strict=True) if most < LEAST_WOBBLE_MM or w > STILL_SHARE * most]
 
 
 def _no_fit(artefact: Artefact) -> NotEnoughData:
