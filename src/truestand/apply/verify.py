@@ -195,11 +195,12 @@ def _calibrated_together(
 
     None: of some views only, or where it can't be told.
     """
-    every = len(scans) > 1 and {scan.view for scan in scans} == {view.name for view in old.views}
+    by_view = {scan.view: scan for scan in scans}
+    every = len(scans) > 1 and by_view.keys() == {view.name for view in old.views}
     if not every or not all(_is_tied(scan, old.for_scan(scan), start_stated) for scan in scans):
         return None
     try:
-        return calibrate_views(scans, artefact)
+        return calibrate_views(tuple(by_view[view.name] for view in old.views), artefact)
     except TruestandError:
         return None  # each is judged by itself then
 
@@ -299,7 +300,7 @@ def _changes(
     points = _seen_points(new, artefact)
     before, now = unknowns_of(old)[0], unknowns_of(new)[0]
     moved = now - before
-    moved[SHAFT] = _turned(now[SHAFT], turn[0]) - before[SHAFT]
+    moved[SHAFT] = _turned_by(now[SHAFT], turn[0]) - before[SHAFT]
     of_shaft = covariance.copy()
     of_shaft[ECCENTRICITY, ECCENTRICITY] += (hypot(*now[ECCENTRICITY]) * turn[1]) ** 2 * np.eye(2)
     # The largest move counts, with its own U.
@@ -346,7 +347,7 @@ def _turn(old: Calibration, new: Calibration, view: str) -> tuple[float, float]:
     return wrap(own.azimuth - own_before.azimuth - still_now.azimuth + still_before.azimuth), u
 
 
-def _turned(shaft: Array, turn: float) -> Array:
+def _turned_by(shaft: Array, turn: float) -> Array:
     """Eccentricity and tilt (4,), each turned by ``turn``."""
     vectors = (shaft[0::2] + 1j * shaft[1::2]) * np.exp(1j * turn)
     return np.stack([vectors.real, vectors.imag], axis=1).reshape(-1)
