@@ -6,7 +6,6 @@ from math import hypot, radians, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import orthogonal_procrustes
 
 from truestand.calibration.views import AZIMUTH_KEY
 from truestand.core.arrays import Array
@@ -61,8 +60,9 @@ def least_difference(a: Array, b: Array) -> Array:
     for covariance in (a, b):
         values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
         roots.append(vectors * np.sqrt(np.maximum(values, 0.0)))
-    rotation, _ = orthogonal_procrustes(roots[1], roots[0])
-    left = (roots[0] - roots[1] @ rotation) * scale[:, None]
+    one, other = roots
+    out, _, back = np.linalg.svd(other.T @ one)  # the orthogonal Procrustes problem
+    left = (one - other @ out @ back) * scale[:, None]
     return np.asarray(left @ left.T)
 
 
