@@ -168,6 +168,16 @@ def test_a_view_that_has_turned_about_the_axis_is_told():
     assert [str(r) for r in moved.reasons] == [f"view 'rear': sensor, about the axis: {VIEWS_TURNED}"]
 
 
+@pytest.mark.parametrize("left_out", ["uncertainty", "repeatability", "azimuth_repeats", "harmonics"])
+def test_a_record_that_tells_less_is_verified(left_out):
+    """Its U of the azimuth was looked up without being there (an outsider's crash)."""
+    known = calibrated()
+    empty = {"uncertainty": {}, "repeatability": np.zeros((0, 0)), "azimuth_repeats": None, "harmonics": ()}
+    cut = tuple(replace(view, **{left_out: empty[left_out]}) for view in known.views)
+    found = verify_views(scans(seed=3), replace(known, views=cut), paper_shaft(), 0.06)
+    assert found.verdict == "holds" and {c.view for c in found.changes} == {"front", "rear"}
+
+
 def test_of_two_views_the_first_may_have_turned():
     """The other sees the shaft where it was: the shaft *did not hold* for the first (an outsider's, 12 mrad)."""
     known = calibrated()

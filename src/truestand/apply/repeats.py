@@ -39,9 +39,11 @@ def repeatability(old: Calibration, new: Calibration) -> Array:
 
 
 def azimuth_repeatability(old: Calibration, new: Calibration) -> float:
-    """The same of a view's azimuth (rad, standard), where both calibrations know one."""
+    """The same of a view's azimuth (rad, standard), where the new calibration has one; old records may tell less."""
     assert new.azimuth_repeats is not None
     noise = new.azimuth_repeats if old.azimuth_repeats is None else old.azimuth_repeats
+    if AZIMUTH_KEY not in old.uncertainty:
+        return hypot(noise, new.azimuth_repeats)
     alike = [
         sqrt(max((radians(c.uncertainty[AZIMUTH_KEY].U) / K) ** 2 - own**2, 0.0))
         for c, own in ((old, noise), (new, new.azimuth_repeats))

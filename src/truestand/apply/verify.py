@@ -369,7 +369,7 @@ def _about(old: Calibration, new: Calibration, artefact: Artefact, clamped_again
     radius = max(c.radius for c in artefact.cylinders if c.name in seen)
     U = K * azimuth_repeatability(old, new)
     if clamped_again:
-        U = radians(hypot(*(c.uncertainty[AZIMUTH_KEY].U for c in (old, new))))
+        U = radians(hypot(*(c.uncertainty[AZIMUTH_KEY].U for c in (old, new) if AZIMUTH_KEY in c.uncertainty)))
     if AZIMUTH_KEY in (*old.not_identifiable, *new.not_identifiable):
         U = pi
     return radius * abs(wrap(new.azimuth - old.azimuth)), radius * U
