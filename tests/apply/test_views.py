@@ -13,6 +13,7 @@ from truestand.apply.datum import datum_of
 from truestand.apply.transfer import roll
 from truestand.apply.verify import NOT_COMPARED, SENSOR_MOVED, VIEWS_TURNED, verify_views
 from truestand.apply.views import roll_views
+from truestand.calibration.calibrate import calibrate
 from truestand.calibration.views import calibrate_views
 from truestand.core.errors import BadRecipe
 from truestand.core.frames import Pose, shaft_from_rotor, shaft_parameters
@@ -166,6 +167,15 @@ def test_a_view_that_has_turned_about_the_axis_is_told():
             assert shaft.value < shaft.U < 4 * UM, shaft  # it stood still; the rear sees it 7 um elsewhere
     assert sound.verdict == "holds" and moved.verdict == "does_not_hold"
     assert [str(r) for r in moved.reasons] == [f"view 'rear': sensor, about the axis: {VIEWS_TURNED}"]
+
+
+def test_of_one_sensor_of_two_only_its_own_scan_is_verified():
+    """The rear one was 19.5 mm from where the front stands, and *had moved* (an outsider's)."""
+    front, rear = scans(seed=3)
+    alone = calibrate(front, paper_shaft())
+    assert verify_views((front,), alone, paper_shaft(), 0.06).verdict == "holds"
+    with pytest.raises(BadRecipe, match="a scan of view 'rear', the calibration has 'front'"):
+        verify_views((rear,), alone, paper_shaft(), 0.06)
 
 
 @pytest.mark.parametrize("left_out", ["uncertainty", "repeatability", "azimuth_repeats", "harmonics"])

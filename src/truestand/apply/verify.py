@@ -153,7 +153,7 @@ def _verify(
     scan: Scan, old: Calibration, artefact: Artefact, limit: float, start_stated: bool, together: Calibration | None
 ) -> Verification:
     """``verify`` by the scans of all views calibrated ``together``; None: by this scan alone."""
-    whole, old = old, old.for_scan(scan)
+    whole, old = old, old.of_view(scan.view)
     if whole.views:
         demand_own_view(scan, whole, witness(scan, old))
     reasons = (
